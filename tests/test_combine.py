@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_1samp
 
-from pilotid.analysis.combine import effect_size, holm, plain_mean, random_effects
+from pilotid.analysis.combine import effect_size, holm, plain_mean
 
 VALUES = np.array([0.31, 0.72, 0.18, 0.95, 0.44, 0.60])
 ERRORS = np.array([0.10, 0.20, 0.08, 0.30, 0.12, 0.15])
@@ -35,57 +35,6 @@ def test_rounding_is_no_scatter() -> None:
     assert found.std_error == 0.0
     assert math.isnan(found.p)
     assert math.isnan(found.lower)
-
-
-@pytest.mark.parametrize("scale", [0.1, 1.0, 5.0])
-def test_random_effects_are_those_of_statsmodels(scale: float) -> None:
-    from statsmodels.stats.meta_analysis import combine_effects
-
-    known = combine_effects(VALUES, (scale * ERRORS) ** 2, method_re="pm", atol=1e-12)
-    found = random_effects(VALUES, scale * ERRORS)
-    assert found.between**2 == pytest.approx(max(known.tau2, 0.0), abs=1e-9)
-    error = known.sd_eff_w_re_hksj if scale < 5.0 else known.sd_eff_w_fe_hksj
-    mean = known.mean_effect_re if scale < 5.0 else known.mean_effect_fe
-    assert found.mean.value == pytest.approx(mean, rel=1e-6)
-    assert found.mean.std_error == pytest.approx(error, rel=1e-6)
-    assert (found.between == 0.0) == (scale == 5.0)  # errors that explain all of the scatter
-
-
-def test_equal_errors_change_nothing() -> None:
-    found, plain = random_effects(VALUES, np.full(6, 0.05)).mean, plain_mean(VALUES)
-    assert (found.value, found.std_error, found.p) == pytest.approx(
-        (plain.value, plain.std_error, plain.p), rel=1e-9
-    )
-
-
-def test_the_spread_by_hand() -> None:
-    # Two numbers with equal errors: the variance of the two, 2, less that of the errors, 1.
-    found = random_effects(np.array([1.0, 3.0]), np.array([1.0, 1.0]))
-    assert found.mean.value == pytest.approx(2.0)
-    assert found.between == pytest.approx(1.0)
-    assert found.between_lower == 0.0
-
-
-def test_nearly_exact_numbers_scatter_by_their_spread() -> None:
-    found = random_effects(VALUES, np.full(6, 1e-9))
-    assert found.between == pytest.approx(np.std(VALUES, ddof=1))
-
-
-@pytest.mark.numerical
-@pytest.mark.long
-@pytest.mark.parametrize("between", [0.0, 0.5, 1.0, 3.0])
-def test_intervals_of_six_subjects_cover(between: float) -> None:
-    # 2000 experiments; the binomial error of a coverage of .95 is .005.
-    rng = np.random.default_rng(6)
-    inside = spread_inside = 0
-    for _ in range(2000):
-        errors = rng.uniform(0.5, 1.5, 6)
-        found = random_effects(0.7 + rng.normal(size=6) * np.hypot(between, errors), errors)
-        inside += found.mean.lower <= 0.7 <= found.mean.upper
-        spread_inside += found.between_lower <= between <= found.between_upper
-    assert 0.93 <= inside / 2000 <= 0.97
-    # An interval that starts at 0 cannot miss a spread of 0 from above.
-    assert 0.93 <= spread_inside / 2000 <= (0.99 if between == 0.0 else 0.97)
 
 
 def test_holm_by_hand() -> None:

@@ -42,25 +42,6 @@ def test_a_contrast_is_the_paired_t_test() -> None:
     assert found.notes == ()
 
 
-def test_the_weighted_contrast_apart_from_errors() -> None:
-    # All claimed errors alike: the weighted mean is the plain one, and the spread between
-    # subjects is what the scatter has beyond the errors.
-    found = only(contrasts(table({"C1": A, "C2": B}, 0.1)))
-    assert found.weighted_difference == pytest.approx(found.difference)
-    assert found.weighted_p == pytest.approx(found.p)
-    assert found.claimed_error == pytest.approx(0.1 * math.sqrt(2.0))
-    scatter = np.var(np.subtract(B, A), ddof=1)
-    assert found.between_subjects == pytest.approx(math.sqrt(scatter - 0.02))
-
-
-def test_who_is_known_better_counts_more() -> None:
-    rows = [row("1", "C1", 1.0, 0.01), row("1", "C2", 2.0, 0.01)]
-    rows += [row(s, c, v, 5.0) for s in "23" for c, v in (("C1", 1.0), ("C2", float(s)))]
-    found = only(contrasts(rows))
-    assert found.difference == pytest.approx(4.0 / 3.0)
-    assert found.weighted_difference == pytest.approx(1.0, abs=1e-4)
-
-
 def test_all_pairs_with_holms_correction_and_given_pairs_in_their_order() -> None:
     rows = table({"C1": A, "C2": B, "C3": C})
     found = contrasts(rows)
@@ -107,7 +88,7 @@ def test_equal_differences_are_no_test() -> None:
     found = only(contrasts(table({"C1": (0.1, 0.2, 0.3), "C2": (0.4, 0.5, 0.6)})))
     assert found.difference == pytest.approx(0.3)
     assert found.std_error == 0.0
-    assert all(math.isnan(x) for x in (found.t, found.p, found.lower, found.weighted_p))
+    assert all(math.isnan(x) for x in (found.t, found.p, found.lower))
     assert found.notes == ("all subjects have the same difference: no test",)
 
 
@@ -121,23 +102,10 @@ def test_fewer_than_two_subjects_are_a_row_without_a_test(subjects: int, word: s
     assert found.difference == 0.5 if subjects else math.isnan(found.difference)
 
 
-def test_no_claimed_error_is_no_weight() -> None:
-    found = only(contrasts(table({"C1": A, "C2": B}, math.nan)))
-    assert math.isfinite(found.p)
-    assert math.isnan(found.weighted_p)
-    assert found.notes == ("not weighted: no claimed error of anyone",)
-    rows = table({"C1": A, "C2": B})
-    rows[2] = row("3", "C1", A[2], math.nan)
-    found = only(contrasts(rows))
-    assert math.isfinite(found.weighted_p)
-    assert found.notes == ("not weighted: no claimed error of subject 3",)
-
-
 def test_two_recordings_of_a_subject_are_one() -> None:
     rows = [*table({"C1": A, "C2": B}), row("1", "C1", 2.1, file="again.mat")]
     found = only(contrasts(rows))
     assert found.pairs[0].a == pytest.approx(0.5 * (A[0] + 2.1))
-    assert found.pairs[0].error_a == pytest.approx(0.1 / math.sqrt(2.0))
     assert found.notes == ("subject 1 in C1: mean of 2 recordings",)
 
 

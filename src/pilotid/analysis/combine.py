@@ -1,9 +1,9 @@
-"""Numbers with errors put together: paired tests, random effects, corrections; plain arrays."""
+"""Numbers with errors put together: paired tests and corrections; plain arrays."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,26 +40,6 @@ class Mean:
     upper: float
 
 
-@dataclass(frozen=True)
-class RandomEffects:
-    """A mean of numbers that differ by more than their errors.
-
-    Attributes
-    ----------
-    mean
-        The weighted mean, its error by Hartung and Knapp.
-    between
-        Standard deviation of the true values about the mean, apart from the errors.
-    between_lower, between_upper
-        Its 95 % interval, from the quantiles of Q (Viechtbauer, 2007).
-    """
-
-    mean: Mean
-    between: float
-    between_lower: float
-    between_upper: float
-
-
 def mean_of(value: float, std_error: float, freedom: float) -> Mean:
     """A mean with Student's t; without test and interval where the error is 0 or unknown."""
     from scipy.special import stdtr, stdtrit
@@ -90,57 +70,6 @@ def plain_mean(values: FloatArray, scale: float = 0.0) -> Mean:
     if deviation <= ROUNDING * max(scale, float(np.abs(values).max())):
         deviation = 0.0
     return mean_of(float(np.mean(values)), deviation / math.sqrt(count), count - 1)
-
-
-def random_effects(values: FloatArray, errors: FloatArray) -> RandomEffects:
-    """Mean and spread of numbers that have errors of their own.
-
-    Parameters
-    ----------
-    values, errors
-        The numbers and their standard errors, each of shape (n,) with n > 1, errors positive.
-
-    Notes
-    -----
-    The spread is that of Paule and Mandel (1982): with it, the numbers scatter about their mean
-    as much as errors and spread say.  It assumes no distribution and needs no iteration that
-    could fail.  The mean's error is that of Hartung and Knapp (2001) with Student's t of n - 1
-    degrees of freedom, without the floor that some put under it: with the floor, intervals of few
-    numbers are far too long where the errors explain all.
-    """
-    from scipy.special import chdtri
-
-    freedom = len(values) - 1
-    variance = errors**2
-
-    def scatter(spread: float) -> float:
-        """Cochran's Q when the true values have this variance; it falls with it."""
-        weights = 1.0 / (variance + spread)
-        centre = np.sum(weights * values) / np.sum(weights)
-        return float(np.sum(weights * (values - centre) ** 2))
-
-    between = _falls_to(scatter, freedom, values)
-    weights = 1.0 / (variance + between)
-    centre = float(np.sum(weights * values) / np.sum(weights))
-    error = math.sqrt(scatter(between) / freedom / float(np.sum(weights)))
-    low, high = (
-        _falls_to(scatter, float(chdtri(freedom, tail)), values) for tail in (0.025, 0.975)
-    )
-    return RandomEffects(
-        mean_of(centre, error, freedom), math.sqrt(between), math.sqrt(low), math.sqrt(high)
-    )
-
-
-def _falls_to(scatter: Callable[[float], float], level: float, values: FloatArray) -> float:
-    """The variance at which a falling function comes down to a level; 0 if it starts below."""
-    from scipy.optimize import brentq
-
-    if scatter(0.0) <= level:
-        return 0.0
-    high = float(np.var(values)) + float(np.finfo(float).tiny)
-    while scatter(high) > level:
-        high *= 4.0
-    return float(brentq(lambda spread: scatter(spread) - level, 0.0, high, xtol=1e-14 * high))
 
 
 def holm(chances: Sequence[float]) -> list[float]:

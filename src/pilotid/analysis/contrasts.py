@@ -1,10 +1,8 @@
-"""Contrasts: paired differences between conditions over subjects, plain and weighted.
+"""Contrasts: paired differences between conditions over subjects.
 
 Values are compared as they are.  Gains and lead times are positive and skewed, and some would
 compare their logarithms; a difference in the parameter's own unit is what papers report, and
-differences between conditions are less skewed than what they are made of.  Claimed errors of such
-parameters grow with their values, so that a weighted mean leans to those who have small ones;
-where it departs from the plain mean, the plain one is the average subject's.
+differences between conditions are less skewed than what they are made of.
 """
 
 from __future__ import annotations
@@ -14,6 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +21,6 @@ from pilotid.analysis.combine import (
     effect_size,
     holm,
     plain_mean,
-    random_effects,
     signed_ranks,
 )
 from pilotid.analysis.rows import CONDITION, Chosen, Layout, Row, Stratum, in_order, layouts, who
@@ -34,25 +32,12 @@ from pilotid.support.types import InputError
 LEVEL = 0.05
 
 
-@dataclass(frozen=True)
-class Pair:
-    """One subject's estimates in two conditions, with their claimed standard errors."""
+class Pair(NamedTuple):
+    """One subject's estimates in two conditions."""
 
     subject: str
     a: float
     b: float
-    error_a: float
-    error_b: float
-
-    @property
-    def difference(self) -> float:
-        """Second condition less the first."""
-        return self.b - self.a
-
-    @property
-    def error(self) -> float:
-        """Claimed standard error of the difference; the recordings are independent."""
-        return math.hypot(self.error_a, self.error_b)
 
 
 @dataclass(frozen=True)
@@ -80,15 +65,6 @@ class Contrast:
         p after Holm's correction for the number of pairs of conditions that were tested.
     effect_size
         Cohen's d_z (mean over standard deviation of the differences) with Hedges' correction.
-    weighted_difference, weighted_std_error, weighted_p, weighted_p_holm, weighted_lower, \
-weighted_upper
-        The same of the mean weighted by claimed errors: random effects by Paule and Mandel,
-        interval by Hartung and Knapp.
-    between_subjects, between_lower, between_upper
-        Standard deviation of the true differences between subjects, apart from the errors of
-        estimation, and its 95 % interval.
-    claimed_error
-        What an estimated difference is typically off by: median of the claimed errors.
     notes
         Who is left out and why, and what could not be worked out.
     left_out
@@ -124,16 +100,6 @@ weighted_upper
     lower: float = NAN
     upper: float = NAN
     effect_size: float = NAN
-    weighted_difference: float = NAN
-    weighted_std_error: float = NAN
-    weighted_p: float = NAN
-    weighted_p_holm: float = NAN
-    weighted_lower: float = NAN
-    weighted_upper: float = NAN
-    between_subjects: float = NAN
-    between_lower: float = NAN
-    between_upper: float = NAN
-    claimed_error: float = NAN
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     across: bool = False
@@ -190,17 +156,13 @@ def contrasts(
     known = in_order([row.field(CONDITION) for row in rows])
     for pair in pairs:
         _require(pair, known)
-    result = []
+    result: list[Contrast] = []
     for layout in layouts(rows, chosen):
         wanted = pairs or list(combinations(layout.conditions, 2))
         if chosen is not None:  # what only one of the two models has cannot be compared
             wanted = [pair for pair in wanted if set(pair) <= set(layout.conditions)]
         made = [_contrast(layout, a, layout, b, models) for a, b in wanted]
-        plain, weighted = holm([c.p for c in made]), holm([c.weighted_p for c in made])
-        result += [
-            replace(_corrected(contrast, p), weighted_p_holm=q)
-            for contrast, p, q in zip(made, plain, weighted, strict=True)
-        ]
+        result += map(_corrected, made, holm([c.p for c in made]))
     return result
 
 
@@ -244,9 +206,7 @@ def _contrast(
     pairs, misspecified = [], []
     for subject in (s for s in everyone if not faults[s]):
         one, two = first.cells[a][subject], second.cells[b][subject]
-        # Errors of one fit are correlated, and say nothing of a difference.
-        errors = (NAN, NAN) if within else (one.std_error, two.std_error)
-        pairs.append(Pair(subject, one.value, two.value, *errors))
+        pairs.append(Pair(subject, one.value, two.value))
         for condition, cell in {a: one, b: two}.items():
             where = who(subject) if within else f"{who(subject)} in {condition}"
             notes += [f"{where}: mean of {cell.recordings} recordings"] * (cell.recordings > 1)
@@ -276,8 +236,7 @@ def _contrast(
     if len(pairs) < 2:
         where = "the condition" if within else "both conditions"
         notes.append(f"{len(pairs) or 'no'} subject in {where}: a test takes two")
-    made = plain(replace(contrast, notes=tuple(notes)))
-    return made if within else _weighted(made)
+    return plain(replace(contrast, notes=tuple(notes)))
 
 
 def plain(contrast: Contrast) -> Contrast:
@@ -315,35 +274,6 @@ def _corrected(contrast: Contrast, p_holm: float) -> Contrast:
     reach = float(stdtrit(contrast.freedom, 1.0 - 0.5 * level)) * contrast.std_error
     low, high = contrast.difference - reach, contrast.difference + reach
     return replace(contrast, p_holm=p_holm, lower_holm=low, upper_holm=high)
-
-
-def _weighted(contrast: Contrast) -> Contrast:
-    """The contrast with its weighted version, of subjects whose estimates claim errors."""
-    if contrast.subjects < 2:
-        return contrast
-    sure = [pair for pair in contrast.pairs if math.isfinite(pair.error)]
-    without = [who(pair.subject) for pair in contrast.pairs if pair not in sure]
-    notes = contrast.notes
-    if without:
-        told = ", ".join(without) if sure else "anyone"
-        notes += (f"not weighted: no claimed error of {told}",)
-    if len(sure) < 2 or contrast.std_error == 0.0:
-        return replace(contrast, notes=notes)
-    errors = np.array([pair.error for pair in sure])
-    found = random_effects(np.array([pair.difference for pair in sure]), errors)
-    return replace(
-        contrast,
-        weighted_difference=found.mean.value,
-        weighted_std_error=found.mean.std_error,
-        weighted_p=found.mean.p,
-        weighted_lower=found.mean.lower,
-        weighted_upper=found.mean.upper,
-        between_subjects=found.between,
-        between_lower=found.between_lower,
-        between_upper=found.between_upper,
-        claimed_error=float(np.median(errors)),
-        notes=notes,
-    )
 
 
 def split_pairs(

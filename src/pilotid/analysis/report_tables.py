@@ -112,10 +112,6 @@ def estimate_groups(
 # ------------------------------------------------------------------------------- contrasts
 
 
-def _error(c: Contrast) -> float:
-    return c.std_error if math.isfinite(c.std_error) else c.claimed_error
-
-
 def _ends(low: float, high: float, error: float) -> str:
     return f"[{to_error(low, error)}, {to_error(high, error)}]" if math.isfinite(low) else NONE
 
@@ -133,7 +129,7 @@ def difference_words(c: Contrast) -> str:
     """A difference in a sentence: where, of what, by how much, which way, how certain."""
     where = " ".join((*(value for _, value in c.stratum), _compared(c), c.method))
     unit = f" {c.unit}" if c.unit else ""
-    size = plus_minus(c.difference, _error(c))
+    size = plus_minus(c.difference, c.std_error)
     p = p_value(c.p_holm)
     p = f"p {p}" if p.startswith("<") else f"p = {p}"
     return f"{where}, {c.parameter} {size}{unit} ({p})"
@@ -147,10 +143,10 @@ COLUMNS: dict[str, tuple[Callable[[Contrast], object], Callable[..., str] | None
     "parameter": (lambda c: c.parameter, None, ""),
     "unit": (lambda c: c.unit, None, ""),
     "n": (lambda c: c.subjects, str, "subjects"),
-    "difference": (lambda c: (c.difference, _error(c)), to_error, ""),
-    "difference ± error": (lambda c: (c.difference, _error(c)), unsigned, ""),
+    "difference": (lambda c: (c.difference, c.std_error), to_error, ""),
+    "difference ± error": (lambda c: (c.difference, c.std_error), unsigned, ""),
     "95 % interval": (
-        lambda c: (c.lower_holm, c.upper_holm, _error(c)),
+        lambda c: (c.lower_holm, c.upper_holm, c.std_error),
         _ends,
         "holds zero where p Holm is above 0.05",
     ),
@@ -162,18 +158,14 @@ COLUMNS: dict[str, tuple[Callable[[Contrast], object], Callable[..., str] | None
     "p": (lambda c: c.p, p_value, ""),
     "p Holm": (lambda c: c.p_holm, p_value, "for all comparisons"),
     "d_z": (lambda c: (c.effect_size, 2), number, "Cohen's, with Hedges' correction"),
-    "robust": (lambda c: (c.robust_difference, _error(c)), to_error, "Hodges and Lehmann"),
+    "robust": (lambda c: (c.robust_difference, c.std_error), to_error, "Hodges and Lehmann"),
     "p ranks": (lambda c: c.wilcoxon_p, p_value, "Wilcoxon's signed ranks"),
-    "weighted": (lambda c: (c.weighted_difference, _error(c)), to_error, ""),
-    "p weighted": (lambda c: c.weighted_p, p_value, ""),
-    "between subjects": (lambda c: (c.between_subjects, _error(c)), to_error, "true spread"),
-    "claimed": (lambda c: (c.claimed_error, _error(c)), to_error, "error of a difference"),
     "doubt": (lambda c: c.doubt, None, "by the lines of the forcing functions"),
     "mark": (lambda c: "#" * c.across + "*" * bool(c.misspecified), None, ""),
 }
 FRONT = ("conditions", "parameter", "unit", "n")
 TEST = ("t (df)", "p", "p Holm", "d_z")
-MORE = ("robust", "p ranks", "weighted", "p weighted", "between subjects", "claimed")
+MORE = ("robust", "p ranks")
 
 
 def _contrast_table(
@@ -204,7 +196,7 @@ def contrast_tables(results: Results) -> Iterator[tuple[Table, bool]]:
         many = len(_pairs(own)) > FEW
         if many:
             shown = sorted(own, key=lambda c: (not is_significant(c), c.condition_a, c.condition_b))
-            clear = [c for c in shown if is_significant(c) or c.weighted_p_holm < LEVEL or c.within]
+            clear = [c for c in shown if is_significant(c) or c.within]
             caption = f"Differences with p < {LEVEL:g} after Holm's correction: {title}"
             yield _contrast_table(caption, clear, titles), False
         yield _contrast_table(f"All differences: {title}", own, titles), many

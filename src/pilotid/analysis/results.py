@@ -15,9 +15,7 @@ from pilotid.support.types import InputError
 CONTRAST_COLUMNS = (
     *("condition_a", "condition_b", "model_a", "model_b", "method", "parameter", "unit"),
     *("subjects", "mean_a", "mean_b", "difference", "std_error", "t", "freedom", "p", "p_holm"),
-    *("lower_95", "upper_95", "effect_size", "weighted_difference", "weighted_std_error"),
-    *("weighted_p", "weighted_p_holm", "weighted_lower_95", "weighted_upper_95"),
-    *("between_subjects", "between_lower_95", "between_upper_95", "claimed_error", "notes"),
+    *("lower_95", "upper_95", "effect_size", "notes"),
     *("misspecified", "robust_difference", "wilcoxon_p", "lower_holm_95", "upper_holm_95"),
 )
 #: Columns of the table of factors.
