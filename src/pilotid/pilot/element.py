@@ -111,11 +111,11 @@ def _evaluate(node: ast.expr) -> Ratio:
     """What an expression is."""
     match node:
         case ast.Constant(value=int() | float() as value):
-            return _ratio(np.array([float(value)]), np.ones(1), 0.0)
+            return _ratio(np.array([float(value)]), np.ones(1))
         case ast.Name(id="s"):
             return Ratio(np.array([1.0, 0.0]), np.ones(1))
-        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=part):
-            return _times(_constant(_sign(sign)), _evaluate(part))
+        case ast.UnaryOp(op=sign, operand=part):
+            return _times(_evaluate(part), SIGNS[type(sign)])
         case (
             ast.Call(func=ast.Name(id="exp"), args=[part])
             | ast.BinOp(left=ast.Name("e"), op=ast.Pow(), right=ast.Call(ast.Name("b"), [part]))
@@ -124,7 +124,7 @@ def _evaluate(node: ast.expr) -> Ratio:
         case ast.Call(func=ast.Name(id="b"), args=[part]):
             return _evaluate(part)
         case ast.BinOp(left=left, op=ast.Pow(), right=right):
-            return _power(_evaluate(left), _exponent(right))
+            return _power(_evaluate(left), _evaluate(right), right)
         case ast.BinOp(left=ast.BinOp(op=ast.Div()), op=ast.MatMult(), right=right):
             raise NotTransferFunctionError(
                 f"{_written(ast.unparse(right))} may be meant above or below the fraction line: "
@@ -135,22 +135,8 @@ def _evaluate(node: ast.expr) -> Ratio:
         case ast.BinOp(left=left, op=ast.Div(), right=right):
             return _times(_evaluate(left), _inverse(_evaluate(right)))
         case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as sign, right=right):
-            return _plus(_evaluate(left), _evaluate(right), _sign(sign))
+            return _plus(_evaluate(left), _times(_evaluate(right), SIGNS[type(sign)]))
     raise NotTransferFunctionError(f"{_written(ast.unparse(node))} is no number, s or bracket")
-
-
-def _exponent(node: ast.expr) -> int:
-    """A whole number."""
-    match node:
-        case ast.Constant(value=int() as value) if value <= HIGHEST:
-            return value
-        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=part):
-            return int(_sign(sign)) * _exponent(part)
-        case ast.Call(func=ast.Name(id="b"), args=[part]):
-            return _exponent(part)
-    raise NotTransferFunctionError(
-        f"{_written(ast.unparse(node))} is no whole exponent up to {HIGHEST}"
-    )
 
 
 def _delay(power: Ratio) -> Ratio:
@@ -163,15 +149,7 @@ def _delay(power: Ratio) -> Ratio:
     return Ratio(np.ones(1), np.ones(1), -float(top[0] / power.bottom[0]) if top.size else 0.0)
 
 
-def _sign(operator: ast.AST) -> float:
-    return -1.0 if isinstance(operator, ast.Sub | ast.USub) else 1.0
-
-
-def _constant(value: float) -> Ratio:
-    return Ratio(np.array([value]), np.ones(1))
-
-
-def _ratio(above: NDArray[Any], below: NDArray[Any], delay: float) -> Ratio:
+def _ratio(above: NDArray[Any], below: NDArray[Any], delay: float = 0.0) -> Ratio:
     top, bottom = (np.atleast_1d(np.asarray(p, dtype=float)) for p in (above, below))
     if max(len(top), len(bottom)) > HIGHEST + 1:
         raise NotTransferFunctionError(f"it has powers of s above {HIGHEST}")
@@ -190,18 +168,30 @@ def _inverse(a: Ratio) -> Ratio:
     return Ratio(a.bottom, a.top, -a.delay)
 
 
-def _power(base: Ratio, exponent: int) -> Ratio:
+def _power(base: Ratio, power: Ratio, node: ast.expr) -> Ratio:
+    exponent = float(power.top[0] / power.bottom[0])
+    number = len(power.top) == len(power.bottom) == 1 and not power.delay
+    if not (number and exponent.is_integer() and abs(exponent) <= HIGHEST):
+        told = f"{_written(ast.unparse(node))} is no whole exponent up to {HIGHEST}"
+        raise NotTransferFunctionError(told)
     base = base if exponent >= 0 else _inverse(base)
-    return reduce(_times, [base] * abs(exponent), _constant(1.0))
+    return reduce(_times, [base] * int(abs(exponent)), SIGNS[ast.UAdd])
 
 
-def _plus(a: Ratio, b: Ratio, sign: float) -> Ratio:
+def _plus(a: Ratio, b: Ratio) -> Ratio:
     if a.delay != b.delay:
         raise NotTransferFunctionError("terms of a sum have different delays")
     if np.array_equal(a.bottom, b.bottom):
-        return _ratio(np.polyadd(a.top, sign * b.top), a.bottom, a.delay)
-    top = np.polyadd(np.polymul(a.top, b.bottom), sign * np.polymul(b.top, a.bottom))
+        return _ratio(np.polyadd(a.top, b.top), a.bottom, a.delay)
+    top = np.polyadd(np.polymul(a.top, b.bottom), np.polymul(b.top, a.bottom))
     return _ratio(top, np.polymul(a.bottom, b.bottom), a.delay)
+
+
+#: What a sign multiplies by.
+SIGNS: dict[type[ast.AST], Ratio] = {
+    kind: Ratio(np.array([value]), np.ones(1))
+    for kind, value in {ast.Add: 1.0, ast.UAdd: 1.0, ast.Sub: -1.0, ast.USub: -1.0}.items()
+}
 
 
 @dataclass(frozen=True)
