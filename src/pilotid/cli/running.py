@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from threading import current_thread, main_thread
-from types import FrameType
 from typing import TYPE_CHECKING
 
 from pilotid.support.terminal import make_console
@@ -30,31 +26,14 @@ class StoppedError(Exception):
 
 @contextmanager
 def heeding_interruptions() -> Iterator[None]:
-    """End the program if it is interrupted in here; at once, if that happens again.
-
-    Where interruptions are ignored, as in jobs in the background, they stay ignored.
-    """
-    usual = signal.getsignal(signal.SIGINT)
-    ours = usual is signal.default_int_handler and current_thread() is main_thread()
-
-    def first(_: int, __: FrameType | None) -> None:
-        signal.signal(signal.SIGINT, lambda *_: os._exit(STATUS))
-        raise KeyboardInterrupt
-
-    if ours:
-        signal.signal(signal.SIGINT, first)
+    """End the program with a sentence if it is interrupted in here."""
     try:
         yield
     except (KeyboardInterrupt, StoppedError) as stop:
         with suppress(OSError):
             sys.stderr.write(f"pilotid: {str(stop) or 'stopped'}\n")
             sys.stderr.flush()
-        if ours:  # all that is left is to end
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
         raise SystemExit(STATUS) from None
-    else:
-        if ours:
-            signal.signal(signal.SIGINT, usual)
 
 
 def announce(recordings: Sequence[Recording], fits: int) -> None:

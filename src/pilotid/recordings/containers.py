@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
@@ -64,45 +63,24 @@ def read_container(
 def _opened(path: Path, suffix: str, source: str) -> Iterator[Variables]:
     """The variables of a file."""
     if suffix == ".npz":
-        with zipfile.ZipFile(path) as archive:
-            yield dict(_in_npz(archive, source))
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            yield dict(pair for name in archive.files for pair in _in_npz(archive, name, source))
     else:
         with matlab.opened(path) as variables:
             yield variables
 
 
-def _in_npz(archive: zipfile.ZipFile, source: str) -> Iterator[tuple[str, Any]]:
-    """The variables of an archive of arrays, each read when asked for."""
-    for file in archive.namelist():
-        name = file.removesuffix(".npy")
-        with archive.open(file) as stream:
-            dtype = _dtype_of(stream)
-        if dtype.hasobject:
-            yield name, partial(_refuse_objects, name, source)
-        elif dtype.names:
-            for own in dtype.names:
-                yield f"{name}.{own}", partial(_member, archive, file, own)
-        else:
-            yield name, partial(_member, archive, file, None)
-
-
-def _dtype_of(stream: Any) -> np.dtype[Any]:
-    """What the numbers in a file of numpy are, from its header."""
-    version = np.lib.format.read_magic(stream)
-    old = version == (1, 0)
-    read = np.lib.format.read_array_header_1_0 if old else np.lib.format.read_array_header_2_0
-    return read(stream)[2]
-
-
-def _member(archive: zipfile.ZipFile, file: str, field: str | None) -> Any:
-    with archive.open(file) as stream:
-        array = np.lib.format.read_array(stream, allow_pickle=False)
-    array = array if field is None else array[field]
-    return array.squeeze() if array.dtype.kind in "fiub" else _text(array)
-
-
-def _text(array: Any) -> str | None:
-    return str(array.item()) if array.dtype.kind == "U" and array.size == 1 else None
+def _in_npz(archive: Any, name: str, source: str) -> Iterator[tuple[str, Any]]:
+    """The variables in an array of numpy: itself, or its fields."""
+    try:
+        array = archive[name]
+    except ValueError:
+        yield name, partial(_refuse_objects, name, source)
+        return
+    for field in array.dtype.names or ("",):
+        own = array[field] if field else array
+        text = str(own.item()) if own.dtype.kind == "U" and own.size == 1 else None
+        yield f"{name}.{field}".rstrip("."), own.squeeze() if own.dtype.kind in "fiub" else text
 
 
 def _refuse_objects(name: str, source: str) -> None:

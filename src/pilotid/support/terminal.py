@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-EARLIEST, LONG = 20.0, 600.0  # s, of a forecast, and of a job that has one
 PLAIN_WIDTH = 120  # columns of output that does not go to a terminal
 
 
@@ -73,21 +71,7 @@ def with_bar(items: Iterable[T], what: str, total: int) -> Iterator[T]:
 
     console = make_console(errors=True)
     hidden = not console.is_terminal or total < 2
-    items = _forecast(items, what, total)
     yield from track(items, what, total, console=console, transient=True, disable=hidden)
-
-
-def _forecast(items: Iterable[T], what: str, total: int) -> Iterator[T]:
-    """The items, and once a line if they are to take longer than `LONG`."""
-    begin, told = time.monotonic(), False
-    for number, item in enumerate(items, start=1):
-        yield item
-        took = time.monotonic() - begin
-        left = took / number * (total - number)
-        if took > EARLIEST and left > LONG and not told:
-            told = True
-            words = f"{what}: {total} in all, about {left / 60.0:.0f} min more; fewer files, models"
-            make_console(errors=True).print(f"{words} or methods take less", soft_wrap=True)
 
 
 def show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
