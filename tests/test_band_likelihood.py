@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import PILOTS, predict_circular
-from white_limit import line_rows
 
 from pilotid.bounds import View
 from pilotid.datasets import scenario_named, simulate
@@ -281,7 +280,7 @@ def test_a_part_of_the_frequencies_is_biased_without_the_loop() -> None:
         view = View(experiment_of(scenario), band)
         circulation = view.circulation
         rows = view.gradient(view.omega, circulation.error, circulation.output, scenario.values)
-        forced = line_rows(view, scenario.values)[:-1] / np.sqrt(view.at_lines.density)
+        forced = view.line_rows(scenario.values)[:-1] / np.sqrt(view.at_lines.density)
         information = view.samples * view.products(rows, rows)
         information += 0.5 * scenario.duration / scenario.dt * (forced @ forced.conj().T).real
         # The prediction error is a unit of remnant; what the loop's term takes off is this score.

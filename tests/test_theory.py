@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from white_limit import mean_products, white_limit
 
-from pilotid.bounds import View, bounds, monic
+from pilotid.bounds import View, bounds, monic, white_limit
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.forcing import PERIOD, paper_disturbance, paper_target
@@ -206,7 +205,7 @@ def test_the_limit_is_stationary_in_recordings_and_its_scores_have_the_covarianc
     scenario = with_remnant(Remnant(2, 3.5, 0.7, 0.15, "ratio"), periods)
     limit = white_limit(experiment_of(scenario))
     view = View(experiment_of(scenario), None)
-    curvature = hessian(lambda sets: np.array([mean_products(view, v) for v in sets]), limit.values)
+    curvature = hessian(lambda sets: np.array([view.mean_products(v) for v in sets]), limit.values)
     shifts = []
     for i in range(replications):
         recording = simulate(scenario, recording_rng(5, scenario.name, i))

@@ -19,8 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.pilot.model import PilotModel
-from pilotid.solve.covariance import covariance_of
-from pilotid.support.types import ComplexArray, FloatArray
+from pilotid.solve.covariance import covariance_of, hessian, sandwich_of
+from pilotid.solve.least_squares import minimise
+from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 GRID = 8192  # steps of the frequency grid on which densities are integrated
 
@@ -85,10 +86,10 @@ def gradient_of(
 ) -> ComplexArray:
     """Derivatives of the control that a model predicts for these inputs, shape (parameters, n)."""
     jacobian = model.response_and_jacobian(omega, values)[1]
-    return np.asarray(np.einsum("cpn,cn->pn", jacobian, signed(model, error, output)))
+    return np.asarray(np.einsum("cpn,cn->pn", jacobian, _signed(model, error, output)))
 
 
-def signed(model: PilotModel, error: ComplexArray, output: ComplexArray) -> ComplexArray:
+def _signed(model: PilotModel, error: ComplexArray, output: ComplexArray) -> ComplexArray:
     """Input of each channel with the channel's sign, shape (channels, n)."""
     by_name = {"e": error, "x": output, "ft": error + output}
     return np.array([c.sign * by_name[c.on] for c in model.channels])
@@ -132,6 +133,52 @@ class View:
     ) -> ComplexArray:
         """Derivatives of the predicted control for these inputs, shape (parameters, n)."""
         return gradient_of(self.experiment.model, omega, error, output, values)
+
+    def missed(
+        self, omega: FloatArray, error: ComplexArray, output: ComplexArray, values: FloatArray
+    ) -> ComplexArray:
+        """What the true pilot answers to these inputs less the predicted answer, shape (n,)."""
+        model, truth = self.experiment.model, self.experiment.values
+        difference = model.response(omega, truth) - model.response(omega, values)
+        return np.asarray(np.sum(difference * _signed(model, error, output), axis=0))
+
+    def remnant_rows(
+        self, omega: FloatArray, circulation: Circulation, values: FloatArray
+    ) -> ComplexArray:
+        """Gradient of the prediction and, last, the residual, for each unit of remnant."""
+        given = omega, circulation.error, circulation.output, values
+        return np.vstack([self.gradient(*given), 1.0 + self.missed(*given)])
+
+    def line_rows(self, values: FloatArray) -> ComplexArray:
+        """Phasors, at the lines, of the gradient of the prediction and, last, the residual."""
+        given = self.line_omega, self.line_error, self.line_output, values
+        return np.vstack([self.gradient(*given), self.missed(*given)])
+
+    def mean_products(self, values: FloatArray) -> FloatArray:
+        """Expected products of the gradient's and the residual's samples, after decimation."""
+        free = self.remnant_rows(self.omega, self.circulation, values)
+        free = free * np.sqrt(self.share * self.circulation.density)
+        forced = self.line_rows(values)
+        return np.asarray(self.products(free, free) + 0.5 * np.real(forced @ forced.conj().T))
+
+    def score_covariance(self, values: FloatArray) -> FloatArray:
+        """Long-run covariance of gradient times residual, for a Gaussian remnant.
+
+        The fourth moments of the circulating remnant follow from its second ones
+        (Isserlis); a line's phasors multiply what the remnant does at its frequency.
+        """
+        free = self.remnant_rows(self.omega, self.circulation, values)
+        direct = self.share * self.circulation.density * np.abs(free[-1]) * free[:-1]
+        crossed = self.share * self.circulation.density * free[-1].conj() * free[:-1]
+        forced = self.line_rows(values)
+        free = self.remnant_rows(self.line_omega, self.at_lines, values)
+        mixed = forced[:-1].conj() * free[-1] + forced[-1].conj() * free[:-1]
+        mixed = mixed * np.sqrt(0.5 * self.share * self.at_lines.density)
+        return np.asarray(
+            self.products(direct, direct)
+            + self.products(crossed, crossed.conj())
+            + np.real(mixed @ mixed.conj().T)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,6 +265,67 @@ def nuisance_share(view: View, gradient: ComplexArray) -> FloatArray:
 def _taken(view: View, gradient: ComplexArray, nuisance: ComplexArray) -> FloatArray:
     cross = view.information(gradient, nuisance)
     return np.asarray(cross @ np.linalg.solve(view.information(nuisance, nuisance), cross.T))
+
+
+@dataclass(frozen=True, eq=False)
+class WhiteLimit:
+    """Output error with a residual taken for white, in the limit of a long recording.
+
+    Attributes
+    ----------
+    values
+        Where the estimate goes, shape (parameters,).
+    bias
+        The same less the truth.
+    claimed
+        The covariance that the method reports, shape (parameters, parameters).
+    sandwich
+        The covariance that it has.
+    """
+
+    values: FloatArray
+    bias: FloatArray
+    claimed: FloatArray
+    sandwich: FloatArray
+
+
+def white_limit(experiment: Experiment, band: float | None = None) -> WhiteLimit:
+    """Bias, claimed covariance and true covariance of output error with a white residual.
+
+    The minimum is the one that is reached from the truth.
+
+    Parameters
+    ----------
+    experiment
+        The loop and its excitation, which must be periodic.
+    band
+        Analysis band [rad/s]; None for the full sampling rate.
+
+    Raises
+    ------
+    InputError
+        If the excitation is not periodic: a single transient has no limit for long
+        recordings, since its share of the record vanishes.
+    """
+    if experiment.transient is not None:
+        raise InputError("the limit of long recordings needs a periodic excitation, not a step")
+    view = View(experiment, band)
+
+    def gram(sets: FloatArray) -> FloatArray:
+        return np.array([view.mean_products(values) for values in sets])
+
+    end = minimise(gram, experiment.values[None], experiment.model, tolerance=1e-13, iterations=300)
+    values, terms = end.values[0], end.gram[0]
+    claimed = _inverse(view.samples * terms[:-1, :-1] / terms[-1, -1])
+    sandwich = sandwich_of(hessian(gram, values), view.score_covariance(values) / view.samples)
+    if not end.converged[0] or sandwich is None:
+        raise InputError("the expected cost has no proper minimum near the true parameters")
+    return WhiteLimit(
+        values,
+        values - experiment.values,
+        claimed / experiment.runs,
+        sandwich / experiment.runs,
+    )
 
 
 def _forcing_information(view: View) -> FloatArray:

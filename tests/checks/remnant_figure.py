@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,15 +16,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pilotid.bounds import white_limit
 from pilotid.datasets import scenario_named
 from pilotid.datasets.experiments import experiment_of
 from pilotid.study.comparison import Score, comparison_of
 from pilotid.study.store import Store
 from pilotid.study.study import Study
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from white_limit import white_limit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

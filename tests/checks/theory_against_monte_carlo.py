@@ -12,10 +12,10 @@ import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
+from pilotid.bounds import white_limit
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.forcing import PERIOD
@@ -24,10 +24,6 @@ from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from white_limit import white_limit
 
 REMNANTS = {
     "second order, 3.5 rad/s, 0.7": Remnant(2, 3.5, 0.7, 0.15, "ratio"),

@@ -17,11 +17,12 @@ from xml.etree import ElementTree
 
 from pilotid.estimates.quantities import symbol
 from pilotid.support.disk import write_file
-from pilotid.support.format import clean, inline, math_html
+from pilotid.support.format import Table, clean, for_markdown, inline, markdown, math_html
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+    from markupsafe import Markup
     from matplotlib.figure import Figure as Drawing
 
 Kinds = Sequence[Literal["svg", "pdf"]]
@@ -87,12 +88,26 @@ def environment() -> Environment:
         own = symbol(key)
         return math_html(own) if own != key else Markup("")
 
-    found.filters |= {"inline": inline, "symbol": symbol_of}
+    found.filters |= {"inline": inline, "symbol": symbol_of, "markdown": _markdown}
     # The one script that a page may run is known by its digest.
     script = files("pilotid").joinpath("templates", "page.js").read_text("utf-8")
     digest = b64encode(sha256(script.encode()).digest()).decode()
     found.globals |= {"script": Markup(script), "digest": Markup(digest)}
     return found
+
+
+def _markdown(block: str | Sequence[str] | Table | Figure) -> Markup:
+    """A sentence, a list of them, a table or a figure as Markdown."""
+    from markupsafe import Markup
+
+    if isinstance(block, str):
+        return Markup(for_markdown(block))
+    if isinstance(block, Table):
+        return Markup(markdown(block))
+    if isinstance(block, Figure):
+        place = f"![{for_markdown(block.alt)}]({FIGURES}/{block.file}.svg)"
+        return Markup(f"{place}\n\n*{for_markdown(block.caption)}*")
+    return Markup("\n".join(f"- {for_markdown(sentence)}" for sentence in block))
 
 
 def render(template: str, **context: object) -> str:

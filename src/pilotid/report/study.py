@@ -11,7 +11,7 @@ from typing import Any
 
 from pilotid.naming.settings import shown
 from pilotid.report import study_figures as figures
-from pilotid.report.page import FIGURES, Figure, save_figures, write_page
+from pilotid.report.page import FIGURES, Figure, render, save_figures, write_page
 from pilotid.report.study_tables import (
     RECORDER,
     VIOLATION,
@@ -34,7 +34,7 @@ from pilotid.study.comparison import ALL, Comparison, MethodResults, loss_ratios
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
 from pilotid.support.disk import write_file
-from pilotid.support.format import Table, clean, for_markdown, markdown, number, share, table
+from pilotid.support.format import number, share, table
 
 TITLE = "Pilot-model identification: methods compared"
 REFERENCE = "nominal"
@@ -129,48 +129,12 @@ def _figures(content: dict[str, Any]) -> Iterator[Figure]:
 
 def _in_short(content: dict[str, Any]) -> str:
     """The report as Markdown, without what the page folds."""
-    there = {f"#{key}" for key, _ in content["contents"]} - {
-        f"#{own['key']}" for own in content["scenarios"]
-    }
-    parts = [f"# {TITLE}"]
-    parts.append("\n".join(f"- [{name}]({key})" for key, name in _titles(content, there)))
-
-    def section(key: str, *blocks: str | Sequence[str] | Table | Figure | None) -> None:
-        title = dict(content["contents"])[key]
-        parts.append(f'<a id="{key}"></a>\n\n## {title}')
-        for block in blocks:
-            if isinstance(block, Table):
-                parts.append(markdown(block))
-            elif isinstance(block, Figure):
-                place = f"{FIGURES}/{block.file}.svg"
-                parts.append(f"![{for_markdown(block.alt)}]({place})")
-                parts.append(f"*{for_markdown(block.caption)}*")
-            elif isinstance(block, str):
-                parts.append(for_markdown(block))
-            elif block:
-                parts.append("\n".join(f"- {for_markdown(words)}" for words in block))
-
-    if content["trust"]:
-        section("trust", *content["trust"])
-    tables = [own.table for own in content["tables"]]
-    section("summary", content["words"], *tables, content["sentences"], content["cost"],
-            *content["reading"])  # fmt: skip
-    if content["recorders"]:
-        section("recorders", content["recorders"])
-    section("provenance")
-    for text, typed in content["commands"]:
-        parts += [for_markdown(text), f"    {clean(typed)}"]
-    parts.append(for_markdown(content["start"]))
+    folded = {own["key"] for own in content["scenarios"]}
+    there = {key: name for key, name in content["contents"] if key not in folded}
+    text = render("study.md", there=there, **content)
     # What links to a section that is left out stays as words.
-    return re.sub(
-        r"\[([^\]]+)\]\((#[\w-]+)\)",
-        lambda link: link[0] if link[2] in there else link[1],
-        "\n\n".join(parts) + "\n",
-    )
-
-
-def _titles(content: dict[str, Any], there: set[str]) -> list[tuple[str, str]]:
-    return [(f"#{key}", name) for key, name in content["contents"] if f"#{key}" in there]
+    link = r"\[([^\]]+)\]\(#([\w-]+)\)"
+    return re.sub(link, lambda found: found[0] if found[2] in there else found[1], text)
 
 
 def overview(study: Comparison, *, widest: int = 21) -> tuple[list[str], list[Shown]]:
