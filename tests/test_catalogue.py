@@ -311,7 +311,7 @@ def test_the_command_line_fits_a_model_of_one_s_own(own: Path, run: Run) -> None
         ("TAKEN", "has the name 'multi' of another model; give it a name of its own"),
         ("NAMELESS", "a model has the name 'a b/c'; it must be of letters, digits"),
         ("PARTS", "is no PilotModel; write NAME = PilotModel"),
-        ("NOTHING", "holds no 'NOTHING'; it defines MODELS, PARTS, LAGGED"),
+        ("NOTHING", "holds no 'NOTHING'"),
         ("LAGGED(gain=1)", "there is no setting 'gain'; its settings are name=lagged"),
         ("WRONG", "the derivative of model wrong by Kvis is not that of its response"),
         ("BROKEN", "the response of model broken is no number at its start"),

@@ -226,7 +226,6 @@ READ: list[tuple[str, Writer, int, dict[str, Any]]] = [
     ("Latin-1 units", written(text("t,e [°],u,x [°]").encode("latin-1")), 1, {"unit": "°"}),
     ("UTF-16 with mark", written(text("t\te\tu\tx", "\t").encode("utf-16")), 1, {}),
     ("sep=;", written(text("t;e;u;x", ";", before="sep=;")), 1, {}),
-    ("UTF-16 without mark", written(text().encode("utf-16-le")), 1, {}),
     ("interval in a comment", written(text("e,u,x", columns={k: ONE[k] for k in "eux"},
                                            before="# runs: six\n# dt: 0.05 s")), 1, {}),
     ("comments", written(text(before="# pilot 3\n% yaw, gain")), 1, {}),

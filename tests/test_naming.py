@@ -275,7 +275,7 @@ def test_things_are_taken_from_files_and_modules(mine: Path) -> None:
     [
         ("{}/none.py:Mine", "there is no such file"),
         ("{}:Mine", "Is a directory"),
-        ("{}/mine.py:Yours", "holds no 'Yours'; it defines"),
+        ("{}/mine.py:Yours", "holds no 'Yours'"),
         ("{}/mine.py:Mine.x", "holds no 'x'"),
         ("{}/mine.py:Mine(size=x)", "a whole number"),
         ("{}/syntax.py:X", "SyntaxError"),

@@ -116,7 +116,8 @@ def report(folder: Path, fill: Callable[[Store], None], methods: Sequence[str]) 
             fill(store)
         study = comparison_of(store)
         page = write_report(folder, study)
-        terminal = as_text(*(own.table for own in overview(study)[1])) if study.cells else ""
+        _, losses, rankings = overview(study)
+        terminal = as_text(*losses, *(own.table for own in rankings))
     assert page == folder / "report.html"
     short = (folder / "report.md").read_text(encoding="utf-8")
     return Made(folder, page.read_text(encoding="utf-8"), plain(short), terminal)

@@ -209,15 +209,13 @@ def alarms(analysis: Analysis, worst: int = 3) -> list[str]:
     told = [(place, remark) for place, remark in every if remark.code not in OF_STICK]
     found = []
     if told:
-        found.append(
-            f"Warnings: {counted_grades(remark for _, remark in told)}; "
-            "the gravest, then the commonest:"
-        )
+        grave = any(remark.grade != "note" for _, remark in told)
+        order = "; the gravest, then the commonest:" if grave else "."
+        found.append(f"Warnings: {counted_grades(remark for _, remark in told)}{order}")
     codes = grouped((pair for pair in told if pair[1].grade != "note"), lambda pair: pair[1].code)
-    order = sorted(
+    for code in sorted(
         codes, key=lambda code: (GRADES.index(codes[code][0][1].grade), -len(codes[code]))
-    )
-    for code in order[:worst]:
+    )[:worst]:
         (place, first), *others = codes[code]
         more = f", and {len(others)} more fit{'s' * (len(others) > 1)}" if others else ""
         found.append(f"{first.line(place + more)}.")

@@ -90,7 +90,7 @@ def analyse(
             files,
             pattern,
             options.names_of(model, [AUTO], [AUTO]),
-            list(options.methods_of(method, [options.default_method()]).values()),
+            list(options.methods_of(method, ["mle"]).values()),
             out=out,
             contrasts=contrast or (),
             model_per_condition=model_per_condition,

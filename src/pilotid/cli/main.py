@@ -20,7 +20,7 @@ import typer
 
 from pilotid.cli import options, studies
 from pilotid.cli.commands import analyse, check, design, posterior
-from pilotid.cli.running import STATUS, announce, heeding_interruptions
+from pilotid.cli.running import STATUS, heeding_interruptions
 from pilotid.estimates.applicability import refusal
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
@@ -189,10 +189,9 @@ def fit(
     if truth is not None and len(named) > 1:
         raise InputError("--truth: is of one model; name one with --model")
     true = options.read_truth(truth, named[0]) if truth is not None and named else None
-    methods = options.methods_of(method, [options.default_method()])
+    methods = options.methods_of(method, ["mle"])
     options.require_free(files, json, report, force=force)
     recordings, refused = reading.all(files, joint=joint)
-    announce(recordings, len(methods) * max(1, len(named)))
     todo = with_bar(recordings, "fitting", len(recordings))
     fits = []
     for own in todo:

@@ -173,11 +173,6 @@ def methods_of(given: Sequence[str] | None, default: Sequence[str]) -> dict[str,
     return {label_of(method): method for method in named}
 
 
-def default_method() -> str:
-    """The method of a fit where none is named."""
-    return "mle" if "mle" in methods() else "mle-white"
-
-
 def numbers_in(option: str, text: str) -> dict[str, float]:
     """Numbers by key in a text such as ``tlead=2,Kvest=3%``; a % divides by 100."""
     found = {}

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from pilotid.support.terminal import make_console
 
 if TYPE_CHECKING:
-    from pilotid.recordings.recording import Recording
     from pilotid.study.store import Result
 
 
-SECONDS_A_SAMPLE = 2e-4  # of a fit by mle: 160 s for 24 h at 10 Hz
 LONG = 10.0  # minutes from which a job says what would make it shorter
 STATUS = 130  # what shells say of a program that Ctrl-C ended
 
@@ -34,16 +32,6 @@ def heeding_interruptions() -> Iterator[None]:
             sys.stderr.write(f"pilotid: {str(stop) or 'stopped'}\n")
             sys.stderr.flush()
         raise SystemExit(STATUS) from None
-
-
-def announce(recordings: Sequence[Recording], fits: int) -> None:
-    """Say how long fits of very long recordings will take, and what takes less."""
-    for recording in recordings:
-        minutes = fits * recording.u.size * SECONDS_A_SAMPLE / 60.0
-        if minutes > 1.0:
-            words = f"{recording.source}: {recording.u.size} samples, about {minutes:.0f} min; "
-            words += "--span or a lower rate takes less"
-            make_console(errors=True).print(words, soft_wrap=True)
 
 
 def with_progress(

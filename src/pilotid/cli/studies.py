@@ -107,8 +107,8 @@ def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
     study = comparison_of(store)
     study.write_tables(folder)
     path = write_report(folder, study)
-    words, tables = overview(study, widest=5 if len(compared(study)) <= 5 else 0)
-    show(make_console(), *(own.table for own in tables), *words, f"report: {path}")
+    words, losses, rankings = overview(study, widest=5 if len(compared(study)) <= 5 else 0)
+    show(make_console(), *losses, *(own.table for own in rankings), *words, f"report: {path}")
     if plot:
         show_page(path, make_console())
 
@@ -176,9 +176,9 @@ def trust(
         found = trial.run(out, replications, seed, workers, model_place(model), with_progress)
     page = write_report(out, found.comparison)
     told = found.to_dict()
-    words, tables = overview(found.comparison)
+    words, losses, rankings = overview(found.comparison)
     written = f"scenario and numbers: {out / TRUST}, report: {page}"
-    shown = [*(own.table for own in tables), trust_table(told)]
+    shown = [*losses, *(own.table for own in rankings), trust_table(told)]
     show(make_console(), *shown, *words, *advice(told), UNKNOWN, written)
 
 

@@ -81,26 +81,6 @@ class Starts:
     agreeing: int
 
 
-@dataclass(frozen=True, repr=False)
-class Summary:
-    """A text that prints as it is, and as a table in a notebook.
-
-    Attributes
-    ----------
-    text, html
-        The same in both forms.
-    """
-
-    text: str
-    html: str
-
-    def __repr__(self) -> str:
-        return self.text
-
-    def _repr_html_(self) -> str:
-        return self.html
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
     """The result of one method on one recording.
@@ -274,9 +254,9 @@ class Estimate:
         tested = [self.specification.sentence] if self.specification else []
         return "\n".join([*lines, *self.model.held_words, *tested, self.verdict(), *self.remarks])
 
-    def summary(self) -> Summary:
-        """All quantities, the verdict and the remarks, to print or to look at in a notebook."""
-        return Summary(str(self), self._repr_html_())
+    def summary(self) -> str:
+        """All quantities, the verdict and the remarks, to print; a notebook shows the estimate."""
+        return str(self)
 
     def _repr_html_(self) -> str:
         known = np.isfinite(self.values).any()

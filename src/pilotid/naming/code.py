@@ -64,7 +64,8 @@ def taken(text: str) -> Any:
     thing: Any = module
     for name in parts["name"].split("."):
         if not hasattr(thing, name):
-            raise InputError(f"{place}: holds no '{name}'; {_what_there_is(module)}")
+            there = [known for known in vars(module) if not known.startswith("_")]
+            raise InputError(f"{place}: holds no '{name}'; it has {', '.join(there[-20:])}")
         thing = getattr(thing, name)
     return configured(thing, settings, text)
 
@@ -130,17 +131,6 @@ def _find_beside(folder: Path) -> None:
     """Let code import what lies beside it; at the end, so that nothing is put in the shade."""
     if str(folder) not in sys.path:
         sys.path.append(str(folder))
-
-
-def _what_there_is(module: ModuleType) -> str:
-    own = [
-        name
-        for name, thing in vars(module).items()
-        if not name.startswith("_")
-        and not isinstance(thing, ModuleType)
-        and (not isinstance(thing, type | FunctionType) or thing.__module__ == module.__name__)
-    ]
-    return f"it defines {', '.join(own[:20])}" if own else "it defines nothing"
 
 
 # ------------------------------------------------------------------- to other processes

@@ -138,10 +138,6 @@ def _encoding(path: Path, source: str) -> str:
     encoding = "utf-8-sig"
     if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         encoding = "utf-16"
-    elif len(data) > 3 and data[0] and data[2] and not (data[1] or data[3]):
-        encoding = "utf-16-le"
-    elif len(data) > 3 and data[1] and data[3] and not (data[0] or data[2]):
-        encoding = "utf-16-be"
     try:
         data.decode(encoding)
     except UnicodeDecodeError as error:

@@ -89,6 +89,7 @@ def environment() -> Environment:
         return math_html(own) if own != key else Markup("")
 
     found.filters |= {"inline": inline, "symbol": symbol_of, "markdown": _markdown}
+    found.filters["verbatim"] = lambda text: Markup(clean(text))  # in Markdown, behind four spaces
     # The one script that a page may run is known by its digest.
     script = files("pilotid").joinpath("templates", "page.js").read_text("utf-8")
     digest = b64encode(sha256(script.encode()).digest()).decode()

@@ -15,7 +15,7 @@ from pilotid.report.page import FIGURES, Figure, render, save_figures, write_pag
 from pilotid.report.study_tables import (
     RECORDER,
     VIOLATION,
-    Shown,
+    Ranking,
     advice,
     by_mean_loss,
     failure_table,
@@ -34,7 +34,7 @@ from pilotid.study.comparison import ALL, Comparison, MethodResults, loss_ratios
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
 from pilotid.support.disk import write_file
-from pilotid.support.format import number, share, table
+from pilotid.support.format import Table, number, share, table
 
 TITLE = "Pilot-model identification: methods compared"
 REFERENCE = "nominal"
@@ -93,7 +93,7 @@ def write_report(folder: Path, study: Comparison) -> Path:
 def content_of(study: Comparison) -> dict[str, Any]:
     """What the page shows: sentences, tables and figures, by the names that its template has."""
     told, names = read_trust(study.folder), compared(study)
-    words, tables = overview(study) if study.cells else (["The study holds no fits yet."], [])
+    words, losses, rankings = overview(study)
     recorders = [name for name in names if study.entry(name).family == RECORDER]
     trends, scenarios = _trends(study), [_scenario(study, name) for name in study.names]
     contents = [
@@ -108,7 +108,8 @@ def content_of(study: Comparison) -> dict[str, Any]:
         "contents": contents,
         "trust": told and (advice(told), trust_table(told), told["unknown"]),
         "words": words,
-        "tables": tables,
+        "losses": losses,
+        "rankings": rankings,
         "sentences": _sentences(study, names[0]) if len(names) == 1 else [],
         "cost": _cost(study, names),
         "reading": [LOSS, COLUMNS, RULES] if names else [],
@@ -137,7 +138,9 @@ def _in_short(content: dict[str, Any]) -> str:
     return re.sub(link, lambda found: found[0] if found[2] in there else found[1], text)
 
 
-def overview(study: Comparison, *, widest: int = 21) -> tuple[list[str], list[Shown]]:
+def overview(
+    study: Comparison, *, widest: int = 21
+) -> tuple[list[str], list[Table], list[Ranking]]:
     """The answer in sentences and tables, which the terminal and the page's first screen show.
 
     At most `widest` scenarios stand beside one another; 0 for none.
@@ -145,11 +148,10 @@ def overview(study: Comparison, *, widest: int = 21) -> tuple[list[str], list[Sh
     names = compared(study)
     shown = names if len(names) <= OPEN else [_reference(names)]
     words = [answer(study.of(name)) for name in shown]
-    tables = [ranking(study.of(name)) for name in shown]
-    if len(names) > 1:
-        words.insert(0, _over_all(study, names))
-        tables = [*matrices(study, names, widest), *tables]
-    return words, tables
+    rankings = [ranking(study.of(name)) for name in shown]
+    if len(names) < 2:
+        return words if study.cells else ["The study holds no fits yet."], [], rankings
+    return [_over_all(study, names), *words], matrices(study, names, widest), rankings
 
 
 def _over_all(study: Comparison, names: Sequence[str]) -> str:

@@ -92,24 +92,21 @@ def of(count: int, total: int) -> str:
     return f"{count} of {total}" if count else "0"
 
 
-class Shown(NamedTuple):
-    """A table with colours, which pages show: `good`, `partly`, `poor`, `bad` or `none`.
+class Ranking(NamedTuple):
+    """A table of methods, with what a page draws of their losses: axis, dots and whiskers.
 
     Attributes
     ----------
     table
         The table.
-    marks
-        For each row the colours of its cells, by the column's title.
     axis, whiskers, dots
-        Of a ranking: the axis, the places of value and interval on it, and their colours.
+        The axis, the places of value and interval on it, and their colours.
     """
 
     table: Table
-    marks: Sequence[Mapping[str, str]]
-    axis: LogAxis | None = None
-    whiskers: Sequence[tuple[float, ...] | None] = ()
-    dots: Sequence[str] = ()
+    axis: LogAxis
+    whiskers: Sequence[tuple[float, ...] | None]
+    dots: Sequence[str]
 
 
 #: The ranking's columns: what each shows of a method and of the best one, what writes it as a
@@ -140,7 +137,7 @@ RANKING: dict[str, tuple[Callable[[MethodResults, MethodResults], object], Any, 
 }
 
 
-def ranking(cells: Sequence[MethodResults]) -> Shown:
+def ranking(cells: Sequence[MethodResults]) -> Ranking:
     """The methods of a scenario in the order of their loss."""
     order, entry = ranked(cells), cells[0].scenario
     count = max(len(cell.results) for cell in cells)
@@ -157,10 +154,10 @@ def ranking(cells: Sequence[MethodResults]) -> Shown:
         list(RANKING),
         {title: form for title, (_, form, _) in RANKING.items() if form},
         hints={title: hint for title, (*_, hint) in RANKING.items() if hint},
+        marks={"verdict": [GRADES.get(judge(cell.scores).grade, "none") for cell in order]},
     )
-    marks = [{"verdict": GRADES.get(judge(cell.scores).grade, "none")} for cell in order]
     dots = [loss_mark(loss.value) for loss in losses]
-    return Shown(shown, marks, axis, [axis.whisker(*loss) for loss in losses], dots)
+    return Ranking(shown, axis, [axis.whisker(*loss) for loss in losses], dots)
 
 
 def _times_best(cell: MethodResults, best: MethodResults) -> str | None:
@@ -255,7 +252,7 @@ def by_mean_loss(study: Comparison, names: Sequence[str]) -> dict[str, dict[str,
     return {method: found[method] for method in order}
 
 
-def matrices(study: Comparison, names: Sequence[str], widest: int) -> list[Shown]:
+def matrices(study: Comparison, names: Sequence[str], widest: int) -> list[Table]:
     """Loss of every method in every scenario, a row a method.
 
     At most `widest` scenarios stand beside one another, and more have a table each so many; with
@@ -281,22 +278,23 @@ def matrices(study: Comparison, names: Sequence[str], widest: int) -> list[Shown
         links = [f"[{name}](#{key_of(name)})" for name in some]
         cells = {m: [study.at(name, m) for name in some] for m in losses}
         caption = f"Loss of every method in {len(names)} scenarios (1: exact and efficient)"
-        shown = table(
-            [(*front(m)[: 1 if begin else 3], *map(text, own)) for m, own in cells.items()],
-            "Loss in further scenarios" if begin else caption,
-            ["method", *([] if begin else ["mean", "worst"]), *links],
-            dict.fromkeys(("mean", *links), str),
-            hints={"mean": "geometric, where there is a loss in every scenario"},
+        marks = {
+            link: [
+                loss_mark(cell.overall.loss.value) if (cell := own[i]) else ""
+                for own in cells.values()
+            ]
+            for i, link in enumerate(links)
+        }
+        tables.append(
+            table(
+                [(*front(m)[: 1 if begin else 3], *map(text, own)) for m, own in cells.items()],
+                "Loss in further scenarios" if begin else caption,
+                ["method", *([] if begin else ["mean", "worst"]), *links],
+                dict.fromkeys(("mean", *links), str),
+                hints={"mean": "geometric, where there is a loss in every scenario"},
+                marks=marks,
+            )
         )
-        marks = [
-            {
-                link: loss_mark(cell.overall.loss.value)
-                for link, cell in zip(links, own, strict=True)
-                if cell
-            }
-            for own in cells.values()
-        ]
-        tables.append(Shown(shown, marks))
     return tables
 
 

@@ -7,14 +7,12 @@ cut or a full disk cost the fits under way, and the same command goes on.
 from __future__ import annotations
 
 import json
-import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Self
 
 from pilotid.support.types import InputError, one_line
@@ -68,11 +66,11 @@ class Rows:
             )
         with self._in_words():
             try:
-                self._base = self._opened(self.path, create=create)
+                self._base = self._opened(self.path, "rwc" if create else "rw")
             except sqlite3.OperationalError as error:
-                if create or _code(error) not in READ_ONLY:
+                if create or _code(error) not in READ_ONLY or Path(f"{self.path}-wal").exists():
                     raise
-                self._base = self._copied()
+                self._base = self._opened(self.path, "ro&immutable=1")
 
     def close(self) -> None:
         """Close the file, which then holds everything."""
@@ -124,12 +122,12 @@ class Rows:
                 "and the room on its disk, and run the same command again: what is done is kept"
             ) from error
 
-    def _opened(self, path: Path, *, create: bool = False) -> sqlite3.Connection:
+    def _opened(self, path: Path, mode: str) -> sqlite3.Connection:
         """A connection to a whole file of this schema, in which every statement is a transaction.
 
         The schema is looked at before anything is computed.
         """
-        place = f"{path.resolve().as_uri()}?mode={'rwc' if create else 'rw'}"
+        place, create = f"{path.resolve().as_uri()}?mode={mode}", mode == "rwc"
         base = sqlite3.connect(place, uri=True, isolation_level=None, timeout=PATIENCE)
         base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_ROW)
         query = "SELECT sql, user_version FROM sqlite_master, pragma_user_version WHERE sql != ''"
@@ -154,18 +152,6 @@ class Rows:
             base.close()
             raise
         return base
-
-    def _copied(self) -> sqlite3.Connection:
-        """The same in memory: SQLite can read a file with a log only where it can write."""
-        memory = sqlite3.connect(":memory:", isolation_level=None)
-        with TemporaryDirectory() as folder:
-            copy = Path(folder) / STORE
-            shutil.copyfile(self.path, copy)
-            with suppress(FileNotFoundError):
-                shutil.copyfile(f"{self.path}-wal", f"{copy}-wal")
-            with closing(self._opened(copy)) as base:
-                base.backup(memory)
-        return memory
 
 
 def damaged(path: Path, why: object) -> InputError:
