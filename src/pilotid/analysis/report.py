@@ -35,7 +35,6 @@ from pilotid.report.page import FIGURES, Figure, save_figures, write_page
 from pilotid.support.format import Table
 from pilotid.support.limits import ESTIMATE
 
-TITLE = "Pilot models of recorded subjects"
 MOST = 6  # differences that the summary names
 
 
@@ -72,7 +71,7 @@ def write_report(folder: Path, results: Results, command: str, about: Mapping[st
     write_page(
         path,
         "experiment.html",
-        title=TITLE,
+        title="Pilot models of recorded subjects",
         contents=[(key, name) for key, name in sections.items() if name],
         **_summary(results),
         excluded=[part.words for part in analysis.settings.excluded],

@@ -91,8 +91,7 @@ def _with_forecast(
         took.setdefault(result.unit.method, result.seconds or 0.0)
         if number == len(counts):
             minutes = sum(took.get(name, 0.0) * n for name, n in counts.items()) / processes / 60.0
-            long = f"{minutes:.0f} min" if minutes < 2880.0 else f"{minutes / 1440.0:.0f} days"
-            words = f"{sum(counts.values())} fits, about {long} on {processes} processes"
+            words = f"{sum(counts.values())} fits, about {minutes:.0f} min on {processes} processes"
             if minutes > LONG:
                 words += "; fewer --replications or methods take less, and what is done is kept"
             if minutes > 1.0:

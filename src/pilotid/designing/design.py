@@ -241,10 +241,9 @@ def least(
         {"type": "ineq", "fun": lambda p: room - rows @ p, "jac": lambda _: -rows},
         *[{"type": "eq", "fun": lambda p: equal @ p, "jac": lambda _: equal}] * bool(len(equal)),
     ]
-    options: Any = {"maxiter": ITERATIONS, "ftol": TOLERANCE}
-    bounds = [(0.0, None)] * len(forced)
-    found = minimize(cost, np.full(len(forced), 0.5), jac=True, method="SLSQP", bounds=bounds,
-                     constraints=limits, options=options)  # fmt: skip
+    start, bounds = np.full(len(forced), 0.5), [(0.0, None)] * len(forced)
+    how: Any = {"method": "SLSQP", "options": {"maxiter": ITERATIONS, "ftol": TOLERANCE}}
+    found = minimize(cost, start, jac=True, bounds=bounds, constraints=limits, **how)
     if not (np.max(rows @ found.x - room) < KEPT and math.isfinite(found.fun)):
         raise InputError(f"no powers of the lines keep these limits ({found.message}); widen them")
     return np.asarray(np.maximum(found.x, 0.0))

@@ -17,11 +17,6 @@ from pilotid.support.disk import require_file
 from pilotid.support.types import InputError
 
 LARGEST_FILE = 2**32  # bytes
-#: How a good file is made.
-SAVED = {
-    ".mat": "save it again with save -v7",
-    ".npz": "save it again with numpy.savez",
-}
 
 
 def read_container(
@@ -52,10 +47,11 @@ def read_container(
             f"{source}: takes too much memory; save t, e, u, x in a file of their own"
         ) from None
     except Exception as error:  # what is damaged fails in any way whatsoever
-        kind, what = ("MATLAB" if suffix == ".mat" else suffix), f"{type(error).__name__}: {error}"
+        kind, command = ("MATLAB", "save -v7") if suffix == ".mat" else (suffix, "numpy.savez")
+        what = shown(f"{type(error).__name__}: {error}")[1:-1]
         raise InputError(
-            f"{source}: is no {kind} file, damaged or cut short ({shown(what)[1:-1]}); "
-            f"{SAVED.get(suffix, 'save it again')}"
+            f"{source}: is no {kind} file, damaged or cut short ({what}); save it again with "
+            f"{command}"
         ) from None
 
 

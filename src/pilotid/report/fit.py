@@ -29,15 +29,10 @@ from pilotid.support.types import FloatArray
 if TYPE_CHECKING:
     from rich.console import Console
 
-TITLE = "Identified pilot models"
 #: Estimates side by side in a table, as many as a page of paper holds.
 ABREAST = 3
 #: Correlation matrices in one figure, which a page of paper holds.
 MATRICES = 6
-READING = (
-    "Values with the standard error that the method reports, and 95 % intervals. Gain and lead "
-    "time of the visual channel are strongly correlated; their product is known better than either."
-)
 #: Half of a 95 % interval over the value from which on a parameter is poorly identified.
 POORLY = 0.5
 
@@ -66,7 +61,7 @@ def html_report(
         figures = [replace(f, name=f"{f.name}-{number}") for f in figures_of(fit, own, None, truth)]
         shown.append({"key": f"recording-{number}", **content_of(fit, ABREAST), "figures": figures})
     contents = [(own["key"], own["heading"]) for own in shown]
-    return render("fit.html", title=TITLE, contents=contents, fits=shown, reading=READING)
+    return render("fit.html", title="Identified pilot models", contents=contents, fits=shown)
 
 
 def content_of(fit: Fitted, abreast: int) -> dict[str, Any]:

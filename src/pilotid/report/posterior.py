@@ -20,7 +20,6 @@ from pilotid.support.disk import strict_json, table_bytes, write_file
 from pilotid.support.format import Line, Table, show, table, to_error
 from pilotid.support.terminal import make_console
 
-TITLE = "Posterior of a pilot model"
 CSV_COLUMNS = (
     *("quantity", "unit", "mean", "std", "equal_tailed_lower", "equal_tailed_upper"),
     *("highest_density_lower", "highest_density_upper", "effective_size", "r_hat"),
@@ -111,7 +110,7 @@ def write_posterior(
     figures = posterior_figures(fit, predictive, {s.key: s.unit for s in spreads}, element)
     page = render(
         "posterior.html",
-        title=TITLE,
+        title="Posterior of a pilot model",
         contents=[],
         fit=content_of(fit, 1),
         quantities=spread_table(spreads),

@@ -31,33 +31,16 @@ from pilotid.report.study_tables import (
     trust_table,
 )
 from pilotid.study.comparison import ALL, Comparison, MethodResults, loss_ratios
-from pilotid.study.judge import RULES, USABLE, judge, sentence
+from pilotid.study.judge import LIMITS, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
 from pilotid.support.disk import write_file
 from pilotid.support.format import Table, number, share, table
 
-TITLE = "Pilot-model identification: methods compared"
 REFERENCE = "nominal"
 OPEN = 3  # scenarios of which all is said at once; of more, of the first alone
 FOLDED = 9  # scenarios from which on the contents leave them out
 FEWEST = 20  # fits of a part of a population that can be its weakest
 
-LOSS = (
-    "**Loss**: for each parameter of each fit the interval score of its 95 % interval (width, plus "
-    "40 times the distance by which it misses the truth), over the score that an exact and "
-    f"efficient estimator has on that recording ({EFFICIENT:.3f} Cramér-Rao bounds). Such an "
-    "estimator has **1** on average, a few recordings may give less, and bias, scatter, and "
-    "intervals too short or too long all cost. Mean over recordings, geometric mean over "
-    "parameters; in parentheses a 95 % bootstrap interval over recordings. A fit that failed is "
-    "charged with the interval from zero to twice the true value. A method without intervals is "
-    "ranked behind the others, by its rmse over the bound."
-)
-COLUMNS = (
-    "**Times best**: the ratio of losses on the same recordings, with an interval of its own; if "
-    "it holds 1, the recordings do not tell the two apart, whatever the colours of their losses. "
-    "**Largest bias/error**: mean error in claimed standard errors, with its Monte Carlo error. "
-    "**Coverage**: share of the 95 % intervals that hold the truth, with its 95 % interval."
-)
 NUMBERS = (
     "Numbers: [summary.csv](summary.csv), all scores: [scores.csv](scores.csv), each fit: "
     "[estimates.csv](estimates.csv)."
@@ -104,7 +87,7 @@ def content_of(study: Comparison) -> dict[str, Any]:
         ("provenance", "Provenance"),
     ]
     return {
-        "title": TITLE,
+        "title": "Pilot-model identification: methods compared",
         "contents": contents,
         "trust": told and (advice(told), trust_table(told), told["unknown"]),
         "words": words,
@@ -112,7 +95,7 @@ def content_of(study: Comparison) -> dict[str, Any]:
         "rankings": rankings,
         "sentences": _sentences(study, names[0]) if len(names) == 1 else [],
         "cost": _cost(study, names),
-        "reading": [LOSS, COLUMNS, RULES] if names else [],
+        "limits": {"exact": EFFICIENT, "rules": LIMITS} if names else None,
         "recorders": recorder_table(study, recorders) if recorders else None,
         "scenarios": scenarios,
         "trends": trends,
@@ -362,7 +345,6 @@ def provenance(study: Comparison) -> dict[str, Any]:
         for key, value in about.items()
         if key not in OWN_FACTS and not key.startswith("remnant ratio")
     )
-    seed = f"Seed {about.get('seed', '?')}, code digest {about.get('code', '?')}; {facts}."
     methods = [(label, f"`{shown(entry.settings)}`") for label, entry in study.entries.items()]
     scenarios = [
         (e.name, e.description, e.model, e.start, f"`{shown(e.settings)}`") for e in study.scenarios
@@ -377,9 +359,7 @@ def provenance(study: Comparison) -> dict[str, Any]:
             ),
             ("This report again, from the store alone:", "pilotid report DIR"),
         ],
-        "start": "No method is told the truth. All methods have the same recordings and are handed "
-        "the same **start**: that of the model, or one drawn at random where the scenarios say so. "
-        f"{seed}",
+        "seed": f"Seed {about.get('seed', '?')}, code digest {about.get('code', '?')}; {facts}.",
         "methods": table(methods, "Methods", ("method", "settings")),
         "settings": table(scenarios, "Scenarios", titles),
     }

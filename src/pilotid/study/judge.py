@@ -21,14 +21,13 @@ LEVEL = 1e-3
 #: Share of failed fits that is no fault.
 FAILURES = 0.01
 FEWEST = 5  # fits of which a mean can be tested
-RULES = (
-    f"Verdicts: **efficient** with a loss below {EFFICIENT:g}, **usable** below {USABLE:g}, else "
-    "**poor**. Flags stand where chance alone would show as much in one of "
-    f"{1.0 / LEVEL:.0f} methods without the fault: **biased** (mean error in claimed standard "
-    "errors), **intervals too short** or **too long** (their coverage is not 95 %), **fails** "
-    f"(more than {100.0 * FAILURES:.0f} % of the fits). Neither limits nor verdicts depend on what "
-    "else is compared."
-)
+#: What verdicts rest on, for those who explain them.
+LIMITS = {
+    "efficient": EFFICIENT,
+    "usable": USABLE,
+    "without": round(1.0 / LEVEL),
+    "failing": 100.0 * FAILURES,
+}
 
 
 class Flag(NamedTuple):

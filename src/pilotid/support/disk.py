@@ -182,11 +182,4 @@ def _identity(path: Path) -> object:
         info = path.stat()
         return info.st_dev, info.st_ino
     except OSError:
-        return os.path.join(_identity_of_folder(path.parent), path.name)
-
-
-def _identity_of_folder(folder: Path) -> str:
-    try:
-        return os.path.realpath(folder)
-    except OSError:  # the current folder was deleted
-        return str(folder)
+        return os.path.normpath(path)
