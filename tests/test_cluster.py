@@ -17,8 +17,6 @@ pytest.importorskip("distributed")
 PROGRAM = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
-import pilotid.jobs
-pilotid.jobs.WARN_WITHOUT_WORKERS = 0.5  # rather than the seconds that people are left in peace
 from pilotid.cli.main import main
 main()
 """
@@ -98,4 +96,4 @@ def test_a_worker_of_other_code_is_refused(started: Callable[..., Process], tmp_
     status, lines = ended(study(started, address, tmp_path / "out"))
     assert status == 2
     assert len(lines) == 1, lines
-    assert "runs other code of pilotid (digest 0ther" in lines[0]
+    assert "digest 0ther" in lines[0]

@@ -12,8 +12,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import chain, islice
 from multiprocessing import spawn
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -29,7 +28,6 @@ Answer = TypeVar("Answer")
 THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 TIME_LIMIT = 600.0  # s
 POLL_INTERVAL = 0.5  # s
-QUIET_EXIT = 256  # in place of 0
 
 
 class Loss(enum.Enum):
@@ -37,6 +35,11 @@ class Loss(enum.Enum):
 
     DIED = "its process died"
     TIMED_OUT = "it took longer than the time limit"
+
+
+#: How many tasks to hand over at once; submits a function and its task; and why a task that ends
+#: with an error has no answer, or raises what else is wrong.
+Executor = tuple[int, Callable[..., Future[Any]], Callable[[Exception], tuple[Loss, str]]]
 
 
 def run_tasks(
@@ -75,11 +78,11 @@ def run_tasks(
     if not first:
         return
     remaining, running = chain(first, remaining), dict[Future[Any], Task]()
-    chosen = _Processes(len(first), seconds) if scheduler is None else _Cluster(scheduler)
-    with closing(chosen) as executor:
+    chosen = _processes(len(first), seconds) if scheduler is None else _cluster(scheduler)
+    with chosen as (room, submit, loss):
         while True:
-            for task in islice(remaining, max(0, executor.room - len(running))):
-                running[executor.submit(function, task)] = task
+            for task in islice(remaining, room - len(running)):
+                running[submit(function, task)] = task
             if not running:
                 return
             for future in wait(running, POLL_INTERVAL, FIRST_COMPLETED).done:
@@ -87,7 +90,7 @@ def run_tasks(
                 try:
                     answer: Answer = future.result()
                 except Exception as error:
-                    answer = given_up(task, *executor.loss(error))
+                    answer = given_up(task, *loss(error))
                 yield answer
 
 
@@ -101,78 +104,58 @@ def processors() -> int:
 # ------------------------------------------------------------------------- local processes
 
 
-class _Processes:
+@contextmanager
+def _processes(workers: int, seconds: float | None) -> Iterator[Executor]:
     """Processes of this machine."""
+    from pebble import ProcessExpired, ProcessPool
 
-    def __init__(self, workers: int, seconds: float | None) -> None:
-        from pebble import ProcessPool
-
-        self.room, self.seconds = 2 * workers, seconds
-        self.pool = ProcessPool(workers, initializer=_set_up, context=_Context())
-
-    def submit(self, function: Callable[[Task], Any], task: Task) -> Future[Any]:
-        try:
-            return self.pool.schedule(function, [task], timeout=self.seconds)
-        except RuntimeError:  # the pool has given up
-            raise _cannot_start() from None
-
-    def loss(self, error: Exception) -> tuple[Loss, str]:
-        from pebble import ProcessExpired
-
+    def loss(error: Exception) -> tuple[Loss, str]:
         if isinstance(error, TimeoutError):
-            return Loss.TIMED_OUT, f"{self.seconds:g} s"
+            return Loss.TIMED_OUT, f"{seconds:g} s"
         if isinstance(error, ProcessExpired):
             return Loss.DIED, f"exit code {error.exitcode}"
-        if isinstance(error, BrokenProcessPool):
-            raise _cannot_start() from None
         raise error
 
-    def close(self) -> None:
-        self.pool.stop()  # type: ignore[no-untyped-call]
-        self.pool.join()
-
-
-def _cannot_start() -> InputError:
-    return InputError(
-        "processes for the fits end as they start, for the reason that they print; there may be "
-        "too many of them for the memory (--workers)"
-    )
+    pool = ProcessPool(workers, initializer=_set_up, context=_Context())
+    try:
+        yield 2 * workers, lambda do, task: pool.schedule(do, [task], timeout=seconds), loss
+    except RuntimeError:  # of a task, or of a pool that has given up
+        if pool.active:
+            raise
+        raise InputError("processes for the fits end as they start; try fewer, --workers") from None
+    finally:
+        pool.stop()  # type: ignore[no-untyped-call]
+        pool.join()
 
 
 _STARTING = Lock()
 _PREPARE = spawn.get_preparation_data
 
 
-class _Process(SpawnProcess):
-    """A process of one thread in linear algebra, which never imports the user's script."""
-
-    def start(self) -> None:
-        """Start; numpy reads the numbers of threads as it is imported, before any code of ours.
-
-        A script without a main guard would start itself again, and Python does not know joblib's
-        way to start processes by itself.
-        """
-        with _STARTING:
-            usual = dict(os.environ)
-            os.environ.update(THREADS)
-            spawn.get_preparation_data = _without_main
-            try:
-                super().start()
-            finally:
-                spawn.get_preparation_data = _PREPARE
-                for name in THREADS:
-                    os.environ.pop(name)
-                os.environ.update(usual)
-
-    @property
-    def exitcode(self) -> int | None:
-        """How it ended; never 0, by which a pool would take the task that ended it for done."""
-        code = super().exitcode
-        return QUIET_EXIT if code == 0 else code
-
-
 class _Context(SpawnContext):
-    Process = _Process
+    """Starts processes of one thread in linear algebra, which never import the user's script."""
+
+    class Process(SpawnProcess):
+        def start(self) -> None:
+            """Start; numpy reads the numbers of threads as it is imported, before code of ours.
+
+            A script without a main guard would start itself again, and Python does not know
+            joblib's way to start processes by itself.
+            """
+            with _STARTING, ExitStack() as afterwards:
+                afterwards.callback(os.environ.update, dict(os.environ))
+                for name in THREADS:
+                    afterwards.callback(os.environ.pop, name)
+                afterwards.callback(setattr, spawn, "get_preparation_data", _PREPARE)
+                os.environ.update(THREADS)
+                spawn.get_preparation_data = _without_main
+                super().start()
+
+        @property
+        def exitcode(self) -> int | None:
+            """How it ended; never 0, by which a pool would take its task for done."""
+            code = super().exitcode
+            return 256 if code == 0 else code
 
 
 def _without_main(name: str) -> dict[str, object]:
@@ -189,50 +172,38 @@ def _set_up() -> None:
 # ------------------------------------------------------------------------------------ Dask
 
 
-class _Cluster:
+@contextmanager
+def _cluster(scheduler: str) -> Iterator[Executor]:
     """The workers of a Dask scheduler."""
+    try:
+        from distributed import Client, KilledWorker
+    except ImportError:
+        raise InputError("--scheduler needs Dask: install pilotid[distributed]") from None
+    place = f"--scheduler {scheduler}"
 
-    room = 1000  # enough to keep all busy
-
-    def __init__(self, scheduler: str) -> None:
-        try:
-            from distributed import Client
-        except ImportError:
-            raise InputError(
-                "--scheduler needs Dask: install pilotid[distributed], or leave the option out"
-            ) from None
-        make: Callable[..., Any] = Client
-        self.place = f"--scheduler {scheduler}"
-        logging.disable()  # what is wrong is said in a sentence; Dask would tell it in a hundred
-        try:
-            self.client = make(scheduler, timeout=10.0, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise InputError(
-                f"{self.place}: no Dask scheduler answers ({error}); start one, `dask scheduler`"
-            ) from error
-        if not self.client.ncores():
-            sys.stderr.write(f"pilotid: {self.place} has no workers; waiting for some\n")
-        # Not as a context: on leaving that would wait for fits that nobody does.
-        self.executor = self.client.get_executor(retries=0, pure=False)
-
-    def submit(self, function: Callable[[Task], Any], task: Task) -> Future[Any]:
-        future: Future[Any] = self.executor.submit(_same_code, own_digest(), function, task)
-        return future
-
-    def loss(self, error: Exception) -> tuple[Loss, str]:
-        from distributed.scheduler import KilledWorker
-
+    def loss(error: Exception) -> tuple[Loss, str]:
         if isinstance(error, KilledWorker):
             return Loss.DIED, "again and again"
+        told = f"a worker cannot do a fit ({reason(error)}); install the same pilotid there"
         if isinstance(error, CancelledError):  # that is how a lost connection ends them
             told = "the scheduler ended or cannot be reached any more; what is done is kept"
-        else:
-            told = f"a worker cannot do a fit ({reason(error)}); install the same pilotid there"
-        raise InputError(f"{self.place}: {told}, and run the same command again") from error
+        raise InputError(f"{place}: {told}, and run the same command again") from error
 
-    def close(self) -> None:
+    logging.disable()  # what is wrong is said in a sentence; Dask would tell it in a hundred
+    try:
+        client: Any = Client(scheduler, timeout=10.0, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{place}: no Dask scheduler answers ({error}); start one") from error
+    if not client.ncores():
+        sys.stderr.write(f"pilotid: {place} has no workers; waiting for some\n")
+    # Not as a context: on leaving that would wait for fits that nobody does.
+    executor, digest = client.get_executor(retries=0, pure=False), own_digest()
+    try:
+        # So many tasks keep all workers busy.
+        yield 1000, lambda do, task: executor.submit(_same_code, digest, do, task), loss
+    finally:
         with suppress(Exception):  # there may be nobody to take leave of
-            self.client.close(timeout=2.0)
+            client.close(timeout=2.0)
         logging.disable(logging.NOTSET)
 
 
