@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
 import numpy as np
@@ -31,6 +31,9 @@ from pilotid.support.disk import require_file, strict_json, table_bytes, write_f
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 from pilotid.time_domain.settings import PROFILE
+
+if TYPE_CHECKING:
+    from scipy.optimize import LinearConstraint
 
 #: Largest share of a signal's power at a line, or the reference's share where that is more, and
 #: the least, of the reference's share: without them few lines have all the power, whose crest
@@ -106,43 +109,36 @@ def design(
     InputError
         If limits exclude one another, or the scenario's forcing functions are no sums of sines.
     """
+    from scipy.optimize import LinearConstraint
+
     keys, signals = scenario.model.keys, sines_of(scenario)
     usual = np.concatenate([0.5 * np.array(sines.amplitudes) ** 2 for sines in signals.values()])
-    told, gains, free = _loop(scenario, signals)
-    before = {name: free[name] + float(gains[name] @ usual) for name in gains}
-    if unknown := [name for name in limits if name not in gains]:
-        raise InputError(f"there is no limit on {unknown[0]}: give e, u or both")
-    names, rows, room = [], [], []
+    told, gains, free = _loop(scenario, signals, usual)
     for name, times in limits.items():
-        alone = free[name] / before[name]
-        if not alone < times < math.inf:
+        if name not in gains:
+            raise InputError(f"there is no limit on {name}: give e, u or both")
+        if not free[name] < times < math.inf:
             raise InputError(
-                f"the limit {name}={times:g} cannot be kept: the remnant alone makes the variance "
-                f"of {name} {alone:.2f} of the reference's"
+                f"{name}={times:g} is too low: the remnant alone makes {free[name]:.2f}"
             )
-        names.append(f"{name}={times:g}")
-        rows.append(gains[name] / before[name])
-        room.append(times - alone)
-    wholes, shapes = _spectra(signals, usual)
-    names += [f"power of {name}" for name in signals]
-    left = np.array([*rows, *wholes, *shapes])
-    right = np.array([*room, *np.ones(len(wholes)), *np.zeros(len(shapes))])
-    unit = np.full(usual.size, np.mean(usual))
     named = list(keys) if minimise in ("A", "D") else [k.strip() for k in minimise.split(",")]
     if unknown := [key for key in named if key not in keys]:
-        raise InputError(
-            f"there is no parameter '{unknown[0]}' to make small: choose from {', '.join(keys)}, "
-            "or A or D"
-        )
+        raise InputError(f"no parameter is '{unknown[0]}': give A, D or of {', '.join(keys)}")
+    wholes, shapes = _spectra(signals, usual)
+    names = [f"{name}={times:g}" for name, times in limits.items()]
+    names += [f"power of {name}" for name in signals]
+    left = np.array([*(gains[name] for name in limits), *wholes, *shapes])
+    room = [times - free[name] for name, times in limits.items()]
+    right = np.array([*room, *np.ones(len(wholes)), *np.zeros(len(shapes))])
+    unit = float(np.mean(usual))
+    kept = [LinearConstraint(left * unit, -np.inf, right)]
+    if len(wholes) > 1:
+        kept.append(LinearConstraint(unit * (wholes[:1] - wholes[1:]), 0.0, 0.0))
     weights = np.array([named.count(key) / len(named) for key in keys])
     weights /= float(weights @ np.diag(told.covariance(usual)))
+    factors = math.sqrt(told.runs * unit) * told.factors
     powers = unit * least(
-        told.runs * told.base,
-        math.sqrt(told.runs) * told.factors * np.sqrt(unit)[:, None, None],
-        None if minimise == "D" else weights,
-        left * unit,
-        right,
-        np.array([wholes[0] - wholes[-1]])[: len(wholes) - 1] * unit,
+        told.runs * told.base, factors, None if minimise == "D" else weights, kept
     )
     used = left[: len(names)] @ powers / right[: len(names)]
     powers /= max(1.0, float(np.max(used)))  # rounding may leave it just outside
@@ -166,7 +162,7 @@ def design(
         reference_errors=errors(usual),
         twice=errors(powers, times=2.0),
         five_runs=errors(powers, runs=5),
-        costs={n: (free[n] + float(gains[n] @ powers)) / before[n] for n in gains},
+        costs={name: free[name] + float(gains[name] @ powers) for name in gains},
         crest={name: (crest, crest_of(reference)) for name, crest, reference in crests},
         binding=tuple(n for n, share in zip(names, used, strict=True) if share > 0.999),
     )
@@ -200,9 +196,7 @@ def least(
     base: FloatArray,
     factors: FloatArray,
     weights: FloatArray | None,
-    rows: FloatArray,
-    room: FloatArray,
-    equal: FloatArray,
+    limits: Sequence[LinearConstraint],
 ) -> FloatArray:
     """The powers, not below zero, that minimise variances within limits, shape (lines,).
 
@@ -213,10 +207,8 @@ def least(
         power, (lines, parameters, 2).
     weights
         Of the parameters' variances, shape (parameters,); None for the volume.
-    rows, room
-        Limits, rows @ powers <= room, shapes (limits, lines) and (limits,).
-    equal
-        Limits, equal @ powers = 0, shape (limits, lines).
+    limits
+        Linear limits on the powers; equalities apart from inequalities.
 
     Raises
     ------
@@ -237,14 +229,11 @@ def least(
             value, slopes = math.log(mean), (covariance * weights) @ covariance / mean
         return float(value), -np.tensordot(forced, slopes, 2)
 
-    limits: list[Any] = [
-        {"type": "ineq", "fun": lambda p: room - rows @ p, "jac": lambda _: -rows},
-        *[{"type": "eq", "fun": lambda p: equal @ p, "jac": lambda _: equal}] * bool(len(equal)),
-    ]
     start, bounds = np.full(len(forced), 0.5), [(0.0, None)] * len(forced)
     how: Any = {"method": "SLSQP", "options": {"maxiter": ITERATIONS, "ftol": TOLERANCE}}
     found = minimize(cost, start, jac=True, bounds=bounds, constraints=limits, **how)
-    if not (np.max(rows @ found.x - room) < KEPT and math.isfinite(found.fun)):
+    outside = max(-np.min(limit.residual(found.x)) for limit in limits)
+    if not (outside < KEPT and math.isfinite(found.fun)):
         raise InputError(f"no powers of the lines keep these limits ({found.message}); widen them")
     return np.asarray(np.maximum(found.x, 0.0))
 
@@ -253,47 +242,50 @@ def least(
 
 
 def _loop(
-    scenario: Scenario, signals: dict[str, Multisine]
+    scenario: Scenario, signals: dict[str, Multisine], usual: FloatArray
 ) -> tuple[LineInformation, dict[str, FloatArray], dict[str, float]]:
-    """What lines of unit power tell, and the variances of e and u by these and by the remnant."""
-    experiment = experiment_of(scenario)
-    error, control, output = [], [], []
+    """What lines of unit power tell, and the variances of e and u by these and by the remnant.
+
+    Variances are over those of the reference, whose lines have the powers `usual`.
+    """
+    experiment, parts = experiment_of(scenario), []
     for name, sines in signals.items():
         cause = "target" if name == "ft" else "disturbance"
-        own = inputs_of(scenario, sines.omega, cause)
-        error.append(own[0])
-        output.append(own[1])
-        control.append(closed_loop(scenario, sines.omega).u[cause])
+        control = closed_loop(scenario, sines.omega).u[cause]
+        parts.append((sines.omega, *inputs_of(scenario, sines.omega, cause), control))
+    omega, e, x, u = map(np.concatenate, zip(*parts, strict=True))
     grid = np.linspace(0.0, np.pi / scenario.dt, GRID + 1)
     remnant = experiment.circulation(grid)
     weights = np.full(GRID + 1, 1.0 / GRID) * remnant.density
     weights[[0, -1]] *= 0.5
-    free = {"e": remnant.error, "u": closed_loop(scenario, grid).u["remnant"]}
-    e, u, x = map(np.concatenate, (error, control, output))
-    omega = np.concatenate([sines.omega for sines in signals.values()])
-    return (
-        line_information(experiment, omega, e, x),
-        {"e": np.abs(e) ** 2, "u": np.abs(u) ** 2},
-        {name: float(weights @ np.abs(answer) ** 2) for name, answer in free.items()},
-    )
+    gains, free = {}, {}
+    noise = closed_loop(scenario, grid).u["remnant"]
+    for name, lines, noisy in (("e", e, remnant.error), ("u", u, noise)):
+        by_lines, alone = np.abs(lines) ** 2, float(weights @ np.abs(noisy) ** 2)
+        whole = alone + float(by_lines @ usual)
+        gains[name], free[name] = by_lines / whole, alone / whole
+    return line_information(experiment, omega, e, x), gains, free
+
+
+def _ends(signals: dict[str, Multisine]) -> list[int]:
+    """Where the lines of the second signal and later ones begin, among those of all."""
+    return [int(end) for end in np.cumsum([len(sines.lines) for sines in signals.values()])[:-1]]
 
 
 def _spectra(
     signals: dict[str, Multisine], usual: FloatArray
-) -> tuple[list[FloatArray], list[FloatArray]]:
+) -> tuple[FloatArray, list[FloatArray]]:
     """The power of each signal over the reference's, and rows that are not to be above zero."""
-    first, shapes, wholes = 0, [], []
-    for sines in signals.values():
-        own = np.eye(usual.size)[first : first + len(sines.lines)]
-        first += len(own)
-        own /= float((own @ usual).sum())
+    wholes, shapes = [], []
+    for part in np.split(np.eye(usual.size), _ends(signals)):
+        own = part / float((part @ usual).sum())
         whole, shares = own.sum(axis=0), own @ usual
         wholes.append(whole)
         for number, (line, share) in enumerate(zip(own, shares, strict=True)):
             shapes += [line - max(LINE, share) * whole, FLOOR * share * whole - line]
             # A hair of room: the reference itself is on all of these limits at once.
             shapes.append(own[number:].sum(axis=0) - (shares[number:].sum() + 1e-6) * whole)
-    return wholes, shapes
+    return np.array(wholes), shapes
 
 
 # ---------------------------------------------------------------------------------- phases
@@ -301,10 +293,9 @@ def _spectra(
 
 def _with_phases(scenario: Scenario, signals: dict[str, Multisine], powers: FloatArray) -> Scenario:
     """The scenario with the powers of a design, phases of low crest, and its remnant's power."""
-    rng, made, first = draw_rng(DEFAULT_SEED, "phases"), {}, 0
-    for name, sines in signals.items():
-        amplitudes = np.sqrt(2.0 * powers[first : first + len(sines.lines)])
-        first += len(sines.lines)
+    rng, made = draw_rng(DEFAULT_SEED, "phases"), {}
+    parts = np.split(np.sqrt(2.0 * powers), _ends(signals))
+    for (name, sines), amplitudes in zip(signals.items(), parts, strict=True):
         made[name] = low_crest(replace(sines, amplitudes=tuple(amplitudes.tolist())), rng)
     digest = crc32(repr(made).encode() + repr(scenario).encode())
     gain = white_level(scenario) / UNIT_LEVEL
@@ -336,20 +327,18 @@ def low_crest(sines: Multisine, rng: np.random.Generator) -> Multisine:
     from scipy.optimize import minimize
 
     turns, amplitudes = _turns(np.array(sines.lines), SAMPLES), np.array(sines.amplitudes)
-    cosine, sine = np.ascontiguousarray(turns.real), np.ascontiguousarray(turns.imag)
     size = amplitudes / np.sqrt(0.5 * np.sum(amplitudes**2))
     schroeder = -2.0 * np.pi * np.cumsum(np.cumsum(np.append(0.0, 0.5 * size[:-1] ** 2)))
 
     def norm(phases: FloatArray, power: int) -> tuple[float, FloatArray]:
-        along, across = size * np.cos(phases), size * np.sin(phases)
-        signal = along @ sine + across @ cosine
+        phasors = size * np.exp(1j * phases)
+        signal = np.imag(phasors @ turns)
         peak = np.max(np.abs(signal))
-        scaled = signal / peak
-        weight = np.abs(scaled) ** (power - 2) * scaled
-        mean = float(np.mean(weight * scaled))
-        slopes = (along * (cosine @ weight) - across * (sine @ weight)) / signal.size
+        weight = np.abs(signal / peak) ** (power - 2) * signal
+        total = float(weight @ signal)
         # ln(norm) has the same minimum, and a scale that does not depend on the power.
-        return float(np.log(peak) + np.log(mean) / power), slopes / (peak * mean)
+        value = np.log(peak) + np.log(total / peak**2) / power
+        return float(value), np.real(phasors * (turns @ weight)) / total
 
     found = []
     for start in (schroeder, *rng.uniform(-np.pi, np.pi, (STARTS - 1, size.size))):
@@ -397,26 +386,21 @@ def scenario_of_fit(path: Path, scenario: Scenario | None = None) -> Scenario:
         usable = [e for e in entry["estimates"] if e["outcome"] in ("converged", "at-bound")]
         estimate = next((e for e in usable if e.get("remnant")), usable[0])
         values = {key: float(p["value"]) for key, p in estimate["parameters"].items()}
-        element = (estimate.get("loops") or {}).get("element")
-        known: dict[str, Any] = {"model": (model := model_named(str(entry["model"])))}
-        known["truth"] = tuple(model.vector(values).tolist())
-        if element:
-            known["element"] = element_named(element)
-        if estimate.get("remnant"):
-            known["remnant"] = _remnant(estimate["remnant"])
-        if scenario is None and len(known) == 4:
+        model = model_named(str(entry["model"]))
+        known: dict[str, Any] = {"model": model, "truth": tuple(model.vector(values).tolist())}
+        loops, remnant = estimate.get("loops") or {}, estimate.get("remnant")
+        if scenario is None or loops.get("element"):
+            known["element"] = element_named(loops["element"])
+        if scenario is None or remnant:
+            known["remnant"] = _remnant(remnant)
+        if scenario is None:
             known |= _window(entry["recording"])
-        elif scenario is None:
-            raise InputError(
-                f"{path}: tells no controlled element or no remnant; fit the recording with "
-                "--element and --method mle, or name a scenario"
-            )
     except InputError:
         raise
     except (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
         raise InputError(
             f"{path}: cannot be read as a fit; name a file that `pilotid fit --json` wrote of one "
-            "recording with sums of sines, with an estimate that converged"
+            "recording of sums of sines, with --element and --method mle, or name a scenario too"
         ) from None
     name = f"like-{path.stem}" if scenario is None else f"{scenario.name}-{path.stem}"
     known |= {"name": name_of(name)[:60], "description": f"pilot and remnant of {path.name}"}
@@ -476,9 +460,11 @@ def write_files(folder: Path, made: Design, about: dict[str, Any], place: str = 
         "scenario": scenario_json(scenario, place),
     }
     write_file(folder / "design.json", strict_json(held).encode())
-    first = -round(max(scenario.run_in, FADE) / scenario.dt)
-    last = round((scenario.duration + FADE) / scenario.dt)
-    time: FloatArray = np.arange(first, last + 1, dtype=float) * scenario.dt
+    time: FloatArray = scenario.dt * np.arange(
+        -round(max(scenario.run_in, FADE) / scenario.dt),
+        round((scenario.duration + FADE) / scenario.dt) + 1,
+        dtype=float,
+    )
     near = np.clip(np.minimum(time - time[0], time[-1] - time) / FADE, 0.0, 1.0)
     fade = 0.5 - 0.5 * np.cos(np.pi * near)
     both = [np.zeros(time.size) if forcing is None else fade * forcing.at(time)
