@@ -301,6 +301,23 @@ def second_order(gain: float, frequency: float, damping: float) -> ControlledEle
     return ControlledElement((gain,), bottom, name=name)
 
 
+def _well_known(found: Ratio) -> ControlledElement | None:
+    """One of the forms that have a function of their own here, so that its name is theirs."""
+    top, bottom = found.top.tolist(), found.bottom.tolist()
+    if len(top) > 1 or bottom[0] != 1.0 or found.delay:
+        return None
+    match bottom[1:]:
+        case []:
+            return position_control(top[0])
+        case [0.0]:
+            return single_integrator(top[0])
+        case [0.0, 0.0]:
+            return double_integrator(top[0])
+        case [a, 0.0]:
+            return integrator_with_lag(top[0], a)
+    return None
+
+
 def parsed_element(text: str) -> ControlledElement | None:
     """The controlled element that a text describes; None for any other text.
 
@@ -321,6 +338,9 @@ def element_named(text: str) -> ControlledElement:
             f"the controlled element '{text}' cannot be read: {error}; write for example 4/s^2 or "
             "4 exp(-0.05s)/(s(1+s/30)^2)"
         ) from None
+    known = _well_known(found)
+    if known is not None:
+        return known
     name = re.sub(r"\s", "", text.rpartition("=")[2])
     top, bottom = found.top.tolist(), found.bottom.tolist()
     return ControlledElement(tuple(top), tuple(bottom), found.delay, name)
