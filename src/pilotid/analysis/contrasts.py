@@ -26,10 +26,8 @@ from pilotid.analysis.combine import (
 from pilotid.analysis.rows import CONDITION, Chosen, Layout, Row, Stratum, in_order, layouts, who
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
+from pilotid.support.numbers import LEVEL
 from pilotid.support.types import InputError
-
-#: p-values below this are called significant.
-LEVEL = 0.05
 
 
 class Pair(NamedTuple):

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from pilotid.analysis.analyse import Analysis, group_of, group_words
-from pilotid.analysis.contrasts import LEVEL
 from pilotid.analysis.figures import (
     estimates_figure,
     parts_figure,
@@ -34,6 +33,7 @@ from pilotid.estimates.estimate import Outcome
 from pilotid.report.page import FIGURES, Figure, save_figures, write_page
 from pilotid.support.format import Table
 from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import LEVEL
 
 MOST = 6  # differences that the summary names
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from pilotid.analysis.analyse import Analysis, Group, group_of, group_words
-from pilotid.analysis.contrasts import LEVEL, Contrast
+from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.cross_validation import LeftOut, rank_methods
 from pilotid.analysis.factors import Effect
 from pilotid.analysis.results import Results
@@ -26,6 +26,7 @@ from pilotid.analysis.rows import (
 from pilotid.estimates.quantities import UNDETERMINED, symbol
 from pilotid.support.format import (
     NONE,
+    Columns,
     Table,
     latex,
     number,
@@ -33,10 +34,12 @@ from pilotid.support.format import (
     percent,
     plus_minus,
     table,
+    table_of,
     to_error,
     unsigned,
 )
 from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import LEVEL
 from pilotid.support.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_first
 from pilotid.support.types import printable
 
@@ -135,8 +138,8 @@ def difference_words(c: Contrast) -> str:
     return f"{where}, {c.parameter} {size}{unit} ({p})"
 
 
-#: Columns of contrasts by title: the value, what writes it as a number, and what it means.
-COLUMNS: dict[str, tuple[Callable[[Contrast], object], Callable[..., str] | None, str]] = {
+#: Columns of contrasts.
+COLUMNS: Columns = {
     "": (lambda c: " ".join(value for _, value in c.stratum), None, ""),
     "method": (lambda c: c.method, None, ""),
     "conditions": (_compared, None, ""),
@@ -173,11 +176,9 @@ def _contrast_table(
 ) -> Table:
     """A row for each contrast; what speaks against them stands last."""
     titles = [*titles, *["doubt"] * ("mark" not in titles and any(c.doubt for c in found))]
-    rows = [[COLUMNS[title][0](c) for title in titles] for c in found]
-    forms = {title: form for title in titles if (form := COLUMNS[title][1])}
-    hints = {title: COLUMNS[title][2] for title in titles if COLUMNS[title][2]}
+    columns = {title: COLUMNS[title] for title in titles}
     marks = {"p Holm": ["good" if is_significant(c) else "" for c in found]}
-    return table(rows, caption, titles, forms, heads=heads, hints=hints, marks=marks)
+    return table_of(found, caption, columns, heads=heads, marks=marks)
 
 
 def contrast_tables(results: Results) -> Iterator[tuple[Table, bool]]:

@@ -119,7 +119,7 @@ def design(
             raise InputError(f"there is no limit on {name}: give e, u or both")
         if not free[name] < times < math.inf:
             raise InputError(
-                f"{name}={times:g} is too low: the remnant alone makes {free[name]:.2f}"
+                f"{name}={times:g} cannot be kept: the remnant alone makes {free[name]:.2f}"
             )
     named = list(keys) if minimise in ("A", "D") else [k.strip() for k in minimise.split(",")]
     if unknown := [key for key in named if key not in keys]:

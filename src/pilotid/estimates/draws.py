@@ -182,9 +182,9 @@ class Spread:
     determined: bool = True
 
 
-def spans_decade(lower: float, upper: float) -> bool:
-    """Whether the interval of a positive number spans more than a factor of ten."""
-    return upper > ESTIMATE.wide * lower
+def spans_decade(lower: FloatArray | float, upper: FloatArray | float) -> BoolArray:
+    """Whether intervals of positive numbers span more than a factor of ten, of their shape."""
+    return np.asarray(upper > ESTIMATE.wide * np.asarray(lower))
 
 
 def spread_of(
@@ -210,5 +210,5 @@ def spread_of(
         shortest_interval(values, own),
         effective,
         r_hat,
-        not (positive and spans_decade(*ends.tolist())),
+        not (positive and spans_decade(*ends)),
     )

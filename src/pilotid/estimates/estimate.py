@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.estimates.draws import Draws
+from pilotid.estimates.draws import Draws, spans_decade
 from pilotid.estimates.loops import Loops, loops_of
 from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate, Specification
 from pilotid.estimates.quantities import (
@@ -25,7 +25,6 @@ from pilotid.estimates.quantities import (
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
 from pilotid.support.format import as_html, as_text
-from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
 from pilotid.support.remarks import remarks_json
 from pilotid.support.types import BoolArray, FloatArray, InputError
@@ -186,7 +185,7 @@ class Estimate:
         """Which parameters the recording tells, shape (parameters,); see `Quantity`."""
         lower, upper = self.intervals.T
         low, high = at_bounds(self.model, lower, upper)
-        decade = self.model.positive & (upper > ESTIMATE.wide * lower)
+        decade = self.model.positive & spans_decade(lower, upper)
         return np.asarray(~(low | high | decade) & np.isfinite(self.values))
 
     @property

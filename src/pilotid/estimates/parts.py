@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import LEVEL
 from pilotid.support.remarks import Grade, Remark
 from pilotid.support.types import ComplexArray, FloatArray
 
-LEVEL = 0.05  # p-value below which a difference is called significant
 NOTHING = np.zeros(0)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pilotid.estimates.applicability import one_signal, shared_signals
+from pilotid.estimates.draws import spans_decade
 from pilotid.estimates.estimate import Estimate, Outcome, at_bounds
 from pilotid.pilot.factors import Factor, Lag, Lead, Neuromuscular, Parameter
 from pilotid.pilot.timevarying import STEEP
@@ -229,7 +230,7 @@ def _poorly_identified(estimate: Estimate) -> Iterator[Remark]:
             continue
         ends = np.array([interval[0], value, interval[1]])
         if parameter.positive:
-            if interval[1] > ESTIMATE.wide * interval[0]:
+            if spans_decade(*interval):
                 wide.append(f"{parameter.key} ({interval[0]:.2g} .. {interval[1]:.2g})")
                 continue
             ends = np.log(ends)

@@ -59,13 +59,25 @@ def html_report(
     behind = points or [None] * len(fits)
     for number, (fit, own) in enumerate(zip(fits, behind, strict=True), start=1):
         figures = [replace(f, name=f"{f.name}-{number}") for f in figures_of(fit, own, None, truth)]
-        shown.append({"key": f"recording-{number}", **content_of(fit, ABREAST), "figures": figures})
+        content = {**words_of(fit), **tables_of(fit, ABREAST)}
+        shown.append({"key": f"recording-{number}", **content, "figures": figures})
     contents = [(own["key"], own["heading"]) for own in shown]
     return render("fit.html", title="Identified pilot models", contents=contents, fits=shown)
 
 
-def content_of(fit: Fitted, abreast: int) -> dict[str, Any]:
-    """What a page shows of a fit, and the terminal in part: sentences and tables.
+def words_of(fit: Fitted) -> dict[str, Any]:
+    """The sentences of a page on a fit, by the names that templates have for them."""
+    return {
+        "heading": fit.heading,
+        "summary": " ".join(summary(fit)),
+        "warnings": fit.warnings,
+        "warned": _warned(fit),
+        "verdicts": [e.verdict(timed=False) for e in fit.estimates],
+    }
+
+
+def tables_of(fit: Fitted, abreast: int) -> dict[str, Any]:
+    """The numbers of a fit and what is said beside them, for pages and the terminal.
 
     Parameters
     ----------
@@ -76,19 +88,14 @@ def content_of(fit: Fitted, abreast: int) -> dict[str, Any]:
     """
     known = [(e.method, e.quantities) for e in fit.estimates if np.isfinite(e.values).any()]
     return {
-        "heading": fit.heading,
-        "summary": " ".join(summary(fit)),
         "specifications": [
             (f"{e.method}: {e.specification.sentence}", e.specification.agrees)
             for e in fit.estimates
             if e.specification
         ],
-        "warnings": fit.warnings,
-        "warned": _warned(fit),
         "tables": quantity_tables(known, abreast),
         "held": fit.model.held_words,
         **_loops(fit, abreast),
-        "verdicts": [e.verdict(timed=False) for e in fit.estimates],
     }
 
 
@@ -137,7 +144,7 @@ def print_fit(fit: Fitted, console: Console, said: Container[str] = ()) -> None:
     said
         Codes of remarks that were printed already and are not printed again.
     """
-    found = content_of(fit, beside(console.width))
+    found = tables_of(fit, beside(console.width))
     remarks = {r: about for r, about in fit.graded.items() if r.code not in said}
     notes = dict.fromkeys(remark.code for remark in remarks if remark.grade == "note")
     show(

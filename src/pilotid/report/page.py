@@ -136,7 +136,7 @@ def write_page(path: Path, template: str, **context: object) -> None:
 
 
 def save_figures(
-    folder: Path, figures: Sequence[Figure], kinds: Kinds = ("svg", "pdf"), prefix: str = ""
+    folder: Path, figures: Sequence[Figure], kinds: Kinds = ("svg", "pdf")
 ) -> list[Path]:
     """Write each figure as SVG and as PDF; equal figures give equal bytes.
 
@@ -148,8 +148,6 @@ def save_figures(
         The figures.
     kinds
         Which files to write; most of the time goes into the fonts of PDF.
-    prefix
-        Before the names of all files, such as ``subject1-C3-``.
 
     Returns
     -------
@@ -161,7 +159,7 @@ def save_figures(
         raise InputError(f"{folder}: cannot be made ({error.strerror}); free the name") from error
     written: list[Path] = []
     for figure in figures:
-        paths = {kind: folder / f"{prefix}{figure.file}.{kind}" for kind in kinds}
+        paths = {kind: folder / f"{figure.file}.{kind}" for kind in kinds}
         # Of a figure whose SVG is there already, byte by byte, the PDF is as well.
         content = figure.svg.encode() if "svg" in kinds else b""
         same = "svg" in kinds and all(path.is_file() for path in paths.values())

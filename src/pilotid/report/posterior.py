@@ -13,7 +13,7 @@ from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.quantities import UNDETERMINED
 from pilotid.pilot.element import ControlledElement
 from pilotid.posterior.predictive import PredictiveBand
-from pilotid.report.fit import content_of, figures_of
+from pilotid.report.fit import figures_of, words_of
 from pilotid.report.page import Figure, render, save_figures
 from pilotid.show.posterior_figures import autocorrelation, band, corner, trace
 from pilotid.support.disk import strict_json, table_bytes, write_file
@@ -112,7 +112,7 @@ def write_posterior(
         "posterior.html",
         title="Posterior of a pilot model",
         contents=[],
-        fit=content_of(fit, 1),
+        fit=words_of(fit),
         quantities=spread_table(spreads),
         notes=notes,
         convergence=[*convergence_words(draws), inside_words(predictive)],

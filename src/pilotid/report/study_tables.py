@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge
 from pilotid.study.scores import loss_text
 from pilotid.study.store import Result
 from pilotid.study.trust import TRUST
-from pilotid.support.format import NONE, Table, number, plus_minus, share, table
+from pilotid.support.format import NONE, Columns, Table, number, plus_minus, share, table, table_of
 
 VIOLATION = "violation"  # family of the scenarios that violate an assumption
 RECORDER = "recorder"  # family of the scenarios whose recorder is faulty
@@ -109,9 +109,8 @@ class Ranking(NamedTuple):
     dots: Sequence[str]
 
 
-#: The ranking's columns: what each shows of a method and of the best one, what writes it as a
-#: number (None for words), and what the title means.
-RANKING: dict[str, tuple[Callable[[MethodResults, MethodResults], object], Any, str]] = {
+#: The ranking's columns, of a method and of the best one.
+RANKING: Columns = {
     "method": (lambda c, _: c.method, None, ""),
     "loss (95 %)": (lambda c, _: _loss(c), str, "interval score over an efficient estimator's"),
     "times best": (
@@ -148,14 +147,8 @@ def ranking(cells: Sequence[MethodResults]) -> Ranking:
     caption += f"(1: exact; below {EFFICIENT:g} efficient, below {USABLE:g} usable)"
     losses = [cell.overall.loss for cell in order]
     axis = LogAxis.of(losses)
-    shown = table(
-        [[value(cell, order[0]) for value, *_ in RANKING.values()] for cell in order],
-        caption,
-        list(RANKING),
-        {title: form for title, (_, form, _) in RANKING.items() if form},
-        hints={title: hint for title, (*_, hint) in RANKING.items() if hint},
-        marks={"verdict": [GRADES.get(judge(cell.scores).grade, "none") for cell in order]},
-    )
+    verdicts = [GRADES.get(judge(cell.scores).grade, "none") for cell in order]
+    shown = table_of(order, caption, RANKING, order[0], marks={"verdict": verdicts})
     dots = [loss_mark(loss.value) for loss in losses]
     return Ranking(shown, axis, [axis.whisker(*loss) for loss in losses], dots)
 
@@ -401,7 +394,7 @@ def trust_table(told: Mapping[str, Any]) -> Table:
     parameters = [
         {name: known(value) for name, value in own.items()} for own in told["parameters"].values()
     ]
-    columns: dict[str, tuple[Callable[[Any], object], Any, str]] = {
+    columns: Columns = {
         "parameter": (lambda p: p["parameter"], None, ""),
         "unit": (lambda p: p["unit"], None, ""),
         "value": (lambda p: p["value"], number, ""),
@@ -420,13 +413,8 @@ def trust_table(told: Mapping[str, Any]) -> Table:
             "of the claimed intervals, with its 95 % interval",
         ),
     }
-    return table(
-        [[value(p) for value, *_ in columns.values()] for p in parameters],
-        f"`{told['method']}` on pilots like this one, {Path(told['recording']).name}",
-        list(columns),
-        {title: form for title, (_, form, _) in columns.items() if form},
-        hints={title: hint for title, (*_, hint) in columns.items() if hint},
-    )
+    caption = f"`{told['method']}` on pilots like this one, {Path(told['recording']).name}"
+    return table_of(parameters, caption, columns)
 
 
 def advice(told: Mapping[str, Any]) -> list[str]:

@@ -9,6 +9,7 @@ import math
 import os
 import stat
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from pilotid.support.types import InputError, printable
@@ -178,8 +179,8 @@ def _is_there(target: Path) -> InputError:
 
 def _identity(path: Path) -> object:
     """What tells a file from others, by whichever name or link."""
-    try:
-        info = path.stat()
-        return info.st_dev, info.st_ino
-    except OSError:
-        return os.path.normpath(path)
+    for known, name in ((path, ""), (path.parent, path.name)):  # or its folder, before it is there
+        with suppress(OSError):
+            info = known.stat()
+            return info.st_dev, info.st_ino, name
+    return str(path)

@@ -20,7 +20,6 @@ from pilotid.support.types import printable
 
 if TYPE_CHECKING:
     from markupsafe import Markup
-    from pandas import DataFrame
     from rich.console import Console
     from rich.table import Table as RichTable
 
@@ -232,9 +231,9 @@ class Table(NamedTuple):
 
 
 def table(
-    frame: DataFrame | Iterable[Sequence[object]],
-    caption: str = "",
-    columns: Sequence[str] | None = None,
+    rows: Iterable[Sequence[object]],
+    caption: str,
+    columns: Sequence[str],
     forms: Mapping[str, Callable[..., str]] | None = None,
     *,
     heads: int = 1,
@@ -245,12 +244,12 @@ def table(
 
     Parameters
     ----------
-    frame
-        The values, or rows of them; None and NaN are shown as "-".
+    rows
+        The values by row; None and NaN are shown as "-".
     caption
         What the table shows.
     columns
-        Titles of the columns; None for those of the frame.
+        Titles of the columns.
     forms
         By title, what writes a value as a number, in ASCII but for ±; a tuple's members are its
         arguments.  Columns without one hold words.
@@ -260,26 +259,50 @@ def table(
         See `Table`.
     """
     known = forms or {}
-    titles = list(getattr(frame, "columns", ())) if columns is None else list(columns)
-    rows = frame.itertuples(index=False, name=None) if hasattr(frame, "itertuples") else frame
     texts = [
         tuple(
-            _text_of(value, known.get(title, str)) for title, value in zip(titles, row, strict=True)
+            _text_of(value, known.get(title, str))
+            for title, value in zip(columns, row, strict=True)
         )
         for row in rows
     ]
     kept = [
         place < heads or any(row[place] not in ("", "0", NONE) for row in texts)
-        for place in range(len(titles))
+        for place in range(len(columns))
     ]
     return Table(
-        tuple(compress(titles, kept)),
+        tuple(compress(columns, kept)),
         [tuple(compress(row, kept)) for row in texts],
-        tuple(title in known for title in compress(titles, kept)),
+        tuple(title in known for title in compress(columns, kept)),
         caption,
         heads,
         hints or {},
         marks or {},
+    )
+
+
+#: A column by its title: what gives an item's value, what writes it as a number (None for words),
+#: and what the title means.
+Columns = Mapping[str, tuple[Callable[..., object], Callable[..., str] | None, str]]
+
+
+def table_of(
+    items: Iterable[object],
+    caption: str,
+    columns: Columns,
+    *others: object,
+    heads: int = 1,
+    marks: Mapping[str, Sequence[str]] | None = None,
+) -> Table:
+    """A `table` with a row for each item; values are of the item and of `others`."""
+    return table(
+        [[value(item, *others) for value, *_ in columns.values()] for item in items],
+        caption,
+        list(columns),
+        {title: form for title, (_, form, _) in columns.items() if form},
+        heads=heads,
+        hints={title: hint for title, (*_, hint) in columns.items() if hint},
+        marks=marks,
     )
 
 

@@ -16,6 +16,8 @@ from pilotid.support.types import InputError
 
 #: Standard deviations on either side of the mean that hold 95 % of a normal distribution.
 Z95 = 1.959963984540054
+#: p-value below which a difference is called significant.
+LEVEL = 0.05
 #: The 95 % quantile of chi-squared with one degree of freedom.
 CHI_SQUARED_95 = 3.841458820694124
 #: The same with two degrees of freedom.

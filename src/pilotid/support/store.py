@@ -66,11 +66,11 @@ class Rows:
             )
         with self._in_words():
             try:
-                self._base = self._opened(self.path, "rwc" if create else "rw")
+                self._base = self._opened("rwc" if create else "rw")
             except sqlite3.OperationalError as error:
                 if create or _code(error) not in READ_ONLY or Path(f"{self.path}-wal").exists():
                     raise
-                self._base = self._opened(self.path, "ro&immutable=1")
+                self._base = self._opened("ro&immutable=1")
 
     def close(self) -> None:
         """Close the file, which then holds everything."""
@@ -122,12 +122,12 @@ class Rows:
                 "and the room on its disk, and run the same command again: what is done is kept"
             ) from error
 
-    def _opened(self, path: Path, mode: str) -> sqlite3.Connection:
+    def _opened(self, mode: str) -> sqlite3.Connection:
         """A connection to a whole file of this schema, in which every statement is a transaction.
 
         The schema is looked at before anything is computed.
         """
-        place, create = f"{path.resolve().as_uri()}?mode={mode}", mode == "rwc"
+        place, create = f"{self.path.resolve().as_uri()}?mode={mode}", mode == "rwc"
         base = sqlite3.connect(place, uri=True, isolation_level=None, timeout=PATIENCE)
         base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_ROW)
         query = "SELECT sql, user_version FROM sqlite_master, pragma_user_version WHERE sql != ''"
