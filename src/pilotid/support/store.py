@@ -7,6 +7,7 @@ cut or a full disk cost the fits under way, and the same command goes on.
 from __future__ import annotations
 
 import json
+import math
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -152,6 +153,11 @@ class Rows:
             base.close()
             raise
         return base
+
+
+def number(value: float) -> float | None:
+    """A number for a store, None where it is none."""
+    return float(value) if math.isfinite(value) else None
 
 
 def damaged(path: Path, why: object) -> InputError:
