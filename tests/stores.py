@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pilotid.study.table import Comparison, Entry, Fit, Store, frame_of
+from pilotid.study.table import METHODS, SCENARIOS, Comparison, Entry, Fit, Store, frame_of
 from pilotid.support.store import Key
 
 KEYS = ("Kvis", "tlead", "tdvis", "fnm", "zetanm")
-METHODS = ("mle", "arx", "fourier")
+NAMES = ("mle", "arx", "fourier")
 
 
 def finish(folder: Path, replications: int = 25) -> Store:
@@ -26,15 +26,15 @@ def finish(folder: Path, replications: int = 25) -> Store:
         for place, name in enumerate(("first", "second"))
     ]
     scenarios.append(Entry("any", 2, {"class": "Population"}, population=True))
-    methods = [Entry(m, place, {"class": m, "memory": 2.0}) for place, m in enumerate(METHODS)]
+    methods = [Entry(m, place, {"class": m, "memory": 2.0}) for place, m in enumerate(NAMES)]
     store.enter(scenarios, methods)
     for replication in range(replications):
         for place, scenario in enumerate(("first", "second")):
             truth = [1.5 + place] * len(KEYS)
-            for method in METHODS:
+            for method in NAMES:
                 found = fit((scenario, method, replication), rng, truth)
                 store.add(found if rng.random() > 0.1 else failed(found))
-        for method in METHODS:
+        for method in NAMES:
             store.add(replace(drawn(("any", method, replication), rng), excess=rng.normal()))
     return store
 
@@ -84,7 +84,7 @@ def content_of(store: Store) -> Content:
     found = store.comparison()
     assert set(found.scores.parameter) <= {*KEYS, "all", ""}
     fits = {fit.key: fit for fit in store.fits()}
-    return Content(store.about(), store.scenarios(), store.methods(), fits)
+    return Content(store.about(), store.entries(SCENARIOS), store.entries(METHODS), fits)
 
 
 def changed(content: bytes, rng: np.random.Generator) -> bytes:

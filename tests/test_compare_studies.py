@@ -11,7 +11,7 @@ import pytest
 from helpers import Run
 from stores import finish
 
-from pilotid.study.table import Entry, Fit, Store, find_changes, read_study
+from pilotid.study.table import METHODS, SCENARIOS, Entry, Fit, Store, find_changes, read_study
 from pilotid.support.types import InputError
 
 REPLICATIONS = 25
@@ -39,7 +39,9 @@ def changed(
     folder.mkdir()
     with Store(first) as store, Store(folder, create=True) as other:
         other.describe({**store.about(), "seed": seed})
-        other.enter(map(scenario, store.scenarios().values()), store.methods().values())
+        other.enter(
+            map(scenario, store.entries(SCENARIOS).values()), store.entries(METHODS).values()
+        )
         for result in store.fits():
             edited = edit(result)
             if edited is not None:

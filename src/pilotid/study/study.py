@@ -34,7 +34,7 @@ from pilotid.study.run import (
     truths_of,
     with_truth,
 )
-from pilotid.study.table import Comparison, Entry, Fit, Store
+from pilotid.study.table import METHODS, SCENARIOS, Comparison, Entry, Fit, Store
 from pilotid.support.disk import make_folder
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.store import Key
@@ -198,7 +198,7 @@ class Study:
         methods = list(map(method_entry, self.methods, count(), self._typed[1], self.labels))
         held = store.about()
         changed = [key for key in about if key in held and held[key] != about[key]]
-        for new, old in ((methods, store.methods()), (scenarios, store.scenarios())):
+        for new, old in ((methods, store.entries(METHODS)), (scenarios, store.entries(SCENARIOS))):
             changed += [
                 e.name
                 for e in new

@@ -176,15 +176,8 @@ class Store(Rows):
         for entry in methods:
             self.put(("", entry.name, 0), asdict(entry))
 
-    def scenarios(self) -> dict[str, Entry]:
-        """The scenarios by their names, in the order of the catalogue."""
-        return self._entries(SCENARIOS)
-
-    def methods(self) -> dict[str, Entry]:
-        """The methods by their labels, in the order of the catalogue."""
-        return self._entries(METHODS)
-
-    def _entries(self, which: str) -> dict[str, Entry]:
+    def entries(self, which: str) -> dict[str, Entry]:
+        """Scenarios (`SCENARIOS`) or methods (`METHODS`) by name, in the catalogue's order."""
         found = sorted(self.every(Entry, which), key=lambda entry: (entry.position, entry.name))
         return {entry.name: entry for entry in found}
 
@@ -200,7 +193,7 @@ class Store(Rows):
         """All that it holds; fits of scenarios and methods that it does not know are left out."""
         from pandas import concat
 
-        scenarios, methods = self.scenarios(), self.methods()
+        scenarios, methods = self.entries(SCENARIOS), self.entries(METHODS)
         cells = (self.every(Fit, CELL, *pair) for pair in product(scenarios, methods))
         frame = concat([frame_of(cell) for cell in cells if cell] or [frame_of([])])
         frame = frame.reset_index(drop=True)
