@@ -207,6 +207,13 @@ def fit(
     from pilotid.report.fit import html_report, print_fit
 
     entries = [f.to_dict() for f in fits]
+    if json:
+        from pilotid.datasets.named import fitted_scenario, model_place
+
+        entries = [
+            {**entry, "scenario": fitted_scenario(own, model_place(model))}
+            for entry, own in zip(entries, fits, strict=True)
+        ]
     printed = options.write_json(json, entries[0] if len(entries) == 1 else entries)
     if plot and report is None:
         report = Path(tempfile.mkdtemp(prefix="pilotid-")) / "report.html"
