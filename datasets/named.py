@@ -137,8 +137,11 @@ def fitted_scenario(fitted: Fitted, place: str = "") -> dict[str, Any] | None:
         return None
     recording = fitted.loop_element.named_in(fitted.recording)
     for estimate in fitted.estimates:
+        # Starts and bounds of the search are none of the pilot's.
+        model = replace(estimate.model, overrides=())
         with suppress(InputError):
-            return scenario_json(Scenario.from_fit(estimate, recording), place)
+            found = Scenario.from_fit(replace(estimate, model=model), recording)
+            return scenario_json(found, place)
     return None
 
 
