@@ -198,7 +198,7 @@ def designed_scenario(path: Path) -> Scenario:
         raise
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InputError(
-            f"{path}: cannot be read as a design ({str(error).splitlines()[0]}); name the "
+            f"{path}: holds no scenario ({str(error).splitlines()[0]}); name the "
             "JSON of `pilotid design`, or of `pilotid fit` with --element and a method that has a "
             "remnant"
         ) from None
