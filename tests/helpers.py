@@ -32,7 +32,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.prediction import Prediction
+from pilotid.time_domain.prediction import Prediction, predict
 
 NOMINAL = SCENARIOS["nominal"]
 SINGLE_LOOP = SCENARIOS["single"]
@@ -247,9 +247,8 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
     """
     length = recording.samples
     s = 2j * np.pi * np.fft.rfftfreq(length, recording.dt)
-    return Prediction(
-        model=model,
-        dt=recording.dt,
+    return replace(
+        predict(recording, model),
         s=s,
         spectra=tuple(
             channel.sign
@@ -262,6 +261,4 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
         first=0,
         scored=length,
         terms=(),
-        fine=(None,) * len(model.channels),
-        weighting=None,
     )

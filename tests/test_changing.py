@@ -32,8 +32,6 @@ from pilotid.solve.least_squares import Box, minimise
 from pilotid.study.fits import truths_of
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import binned
-from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.profile import over_changes
 from pilotid.time_domain.search import maximise_likelihood
@@ -133,12 +131,12 @@ def test_a_model_of_ones_own_has_its_jacobian_too() -> None:
 def test_all_ways_to_the_residual_agree() -> None:
     prediction = predict(simulate(replace(SLOW, runs=2), np.random.default_rng(1)), ADAPTING, 50.0)
     spectra = prediction.row_spectra(SETS)[:, -1]
-    np.testing.assert_allclose(residual_spectra(prediction, SETS), spectra, atol=1e-9)
+    np.testing.assert_allclose(prediction.residual_spectra(SETS), spectra, atol=1e-9)
     for values, own in zip(SETS, spectra, strict=True):
         np.testing.assert_allclose(
             prediction.residual(values), prediction.samples_of(own), atol=1e-12
         )
-    assert binned(prediction) is prediction
+    assert prediction.binned is prediction
     second = prediction.of_runs([1])
     np.testing.assert_allclose(second.row_spectra(SETS)[:, -1], spectra[:, 1:], atol=1e-12)
 

@@ -24,9 +24,8 @@ from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.support.numbers import recording_rng
 from pilotid.support.types import FloatArray
-from pilotid.time_domain import likelihood as reduction
-from pilotid.time_domain.likelihood import binned
-from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain import prediction as reduction
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import (
@@ -79,13 +78,13 @@ def test_without_groups_the_reduction_is_the_windowed_transform(
     for response, signal in zip(NOMINAL.model.responses(s, values[0]), bins[:-1], strict=True):
         left -= response * signal
     expected = 2.0 / scored * np.sum(np.abs(left[:, 2:]) ** 2)
-    found = OutputErrors(binned(prediction)).gram(values)[0, -1, -1]
+    found = Likelihood(prediction.binned).gram(values)[0, -1, -1]
     assert found == pytest.approx(expected, rel=0.02)
 
 
 def test_the_reduction_costs_the_same_for_any_length_and_number_of_runs() -> None:
-    short = binned(prediction_of(NOMINAL))
-    long = binned(prediction_of(replace(NOMINAL, duration=4.0 * NOMINAL.duration, runs=5)))
+    short = prediction_of(NOMINAL).binned
+    long = prediction_of(replace(NOMINAL, duration=4.0 * NOMINAL.duration, runs=5)).binned
     assert long.control_spectrum.size < 1.5 * short.control_spectrum.size
     assert short.s.size < 200
     assert long.samples > 15 * short.samples
@@ -103,8 +102,8 @@ def test_lines_whose_fit_went_astray_do_not_lead_the_search_astray() -> None:
 
 def test_the_reduction_has_its_optimum_where_the_pilot_is() -> None:
     prediction = prediction_of(without_remnant(NOMINAL))
-    coarse = binned(prediction)
-    end = minimise(OutputErrors(coarse).gram, 1.2 * NOMINAL.values[None], NOMINAL.model)
+    coarse = prediction.binned
+    end = minimise(Likelihood(coarse).gram, 1.2 * NOMINAL.values[None], NOMINAL.model)
     gain, lead, *others = end.values[0] / NOMINAL.values
     np.testing.assert_allclose([gain * lead, *others], 1.0, atol=0.05)  # the two trade off
     below = coarse.below(10.0)
@@ -189,7 +188,7 @@ def test_every_start_is_judged_in_one_band(seed: int) -> None:
     recording = simulate(replace(position_pilot(), dt=0.01), np.random.default_rng(1))
     model, rng = position_pilot().model, np.random.default_rng(seed)
     first = first_fit(recording, model, rng, MLE(), lines_pilot(recording, model, rng))
-    assert first.band == analysis_band(0.01, 120.0)
+    assert first.joint.band == analysis_band(0.01, 120.0)
     near, far = maxima_from(recording, model, MLE(), model.start * np.array([[1.0], [1.3]]))
     assert near.joint.band == far.joint.band
 

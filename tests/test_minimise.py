@@ -18,7 +18,8 @@ from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import Gram, Minima, minimise, resume, solve_linear
 from pilotid.solve.search import draw_starts, search
 from pilotid.support.types import BoolArray, FloatArray
-from pilotid.time_domain.output_error import OutputErrors, record
+from pilotid.time_domain.likelihood import Likelihood
+from pilotid.time_domain.output_error import record
 from pilotid.time_domain.prediction import predict
 
 pytestmark = pytest.mark.numerical
@@ -29,13 +30,13 @@ Rows = Callable[[FloatArray], FloatArray]
 
 
 @cache
-def pilot_problem(seed: int = 1) -> OutputErrors:
+def pilot_problem(seed: int = 1) -> Likelihood:
     """The nominal scenario with its remnant, so that the residual is large."""
     recording = simulate(SCENARIOS["nominal"], np.random.default_rng(seed))
-    return OutputErrors(predict(recording, MULTI, 26.0))
+    return Likelihood(predict(recording, MULTI, 26.0))
 
 
-def flat_rows(problem: OutputErrors) -> Rows:
+def flat_rows(problem: Likelihood) -> Rows:
     """Jacobian and residual of one parameter set, shape (parameters + 1, samples)."""
     return lambda values: problem.rows(values[None])[0].reshape(values.size + 1, -1)
 
@@ -350,7 +351,7 @@ def test_drawn_starts_lie_in_the_usual_ranges_and_fill_them(model: PilotModel) -
 def test_search_finds_the_optimum_next_to_the_truth_from_a_poor_start(name: str) -> None:
     scenario = SCENARIOS[name]
     recording = simulate(scenario, np.random.default_rng(13))
-    problem = OutputErrors(predict(recording, scenario.model, 26.0))
+    problem = Likelihood(predict(recording, scenario.model, 26.0))
     best = minimise(problem.gram, scenario.values[None], scenario.model)
     poor = scenario.model.with_start({"Kvis": 2.0, "tlead": 0.1, "tdvis": 0.8, "fnm": 30.0})
     found = search(problem.gram, poor, np.random.default_rng(14), refined=4, tolerance=1e-9)
@@ -363,7 +364,7 @@ def test_search_screens_the_models_start_among_the_candidates_and_minimises_the_
     problem = pilot_problem()
     sets: list[FloatArray] = []
 
-    class Watched(OutputErrors):
+    class Watched(Likelihood):
         def gram(self, values: FloatArray) -> FloatArray:
             sets.append(values)
             return super().gram(values)

@@ -10,7 +10,7 @@ nuisance term, which is projected out of both.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, reduce
 
 import numpy as np
@@ -20,12 +20,16 @@ from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Changing
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import BLOCK
-from pilotid.support.types import ComplexArray, FloatArray, IntArray
-from pilotid.time_domain.band_likelihood import BandTerms, Weighting, weighting_of
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray, IntArray
+from pilotid.time_domain.band_likelihood import BandTerms, Weighting, group_begins, weighting_of
 from pilotid.time_domain.prepare import (
     FAR,
     REACH,
+    Band,
     Prepared,
+    analysis_band,
     decimation,
     derivative_kernel,
     fast_length,
@@ -33,6 +37,7 @@ from pilotid.time_domain.prepare import (
     pad,
     prepare,
 )
+from pilotid.time_domain.settings import SEARCH
 
 #: Longest interval between samples of the inputs that are modulated [s].  A change at the highest
 #: rate, 100 1/s, is sampled so finely that its middle is known between samples.
@@ -175,8 +180,8 @@ class Prediction:
     ----------
     model
         The pilot model.
-    dt
-        Sampling interval of the scored samples [s].
+    band
+        The analysis band that it was prepared in.
     s
         Laplace variable at the bins of the transform, shape (bins,).
     spectra
@@ -198,7 +203,7 @@ class Prediction:
     """
 
     model: PilotModel
-    dt: float
+    band: Band
     s: ComplexArray
     spectra: tuple[ComplexArray, ...]
     control_spectrum: ComplexArray
@@ -208,6 +213,11 @@ class Prediction:
     terms: tuple[float, ...]
     fine: tuple[FineInput | None, ...]
     weighting: Weighting | None
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval of the scored samples [s]."""
+        return self.band.dt
 
     @property
     def runs(self) -> int:
@@ -283,7 +293,7 @@ class Prediction:
         one = np.ones((1, omega.size), dtype=complex)
         return Prediction(
             model=self.model,
-            dt=self.dt,
+            band=self.band,
             s=s,
             spectra=spectra,
             control_spectrum=one,
@@ -314,15 +324,67 @@ class Prediction:
         -------
         Array of shape (runs, scored).
         """
-        spectrum = self.control_spectrum.copy()
-        responses = self.model.responses(self.s, values)
-        for response, signal, varying in zip(
-            responses, self.spectra, self.varying(values[None]), strict=True
-        ):
-            spectrum -= response * signal if varying is None else response * varying[0]
+        spectrum = self.residual_spectra(values[None])[0]
         if taps is not None:
             spectrum *= self.filter_response(taps)
         return self.samples_of(spectrum)
+
+    def errors(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
+        """As `residual`, with nuisance terms projected out."""
+        return self.without_nuisance(self.residual(values, taps))
+
+    def residual_spectra(self, values: FloatArray) -> ComplexArray:
+        """Transforms of the residual, shape (sets, runs, bins).
+
+        The same numbers as those of `row_spectra`, without derivatives.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        """
+        responses = self.model.moving_responses(self.s, values)
+        answers = [
+            response[:, None, :] * spectrum * (1.0 if varying is None else varying)
+            for response, spectrum, varying in zip(
+                responses, self.inputs, self.varying(values), strict=True
+            )
+        ]
+        return np.asarray(self.control_spectrum - reduce(np.add, answers))
+
+    def noticeable_terms(
+        self, values: FloatArray, taps: FloatArray | None = None
+    ) -> tuple[float, ...]:
+        """The nuisance terms that the residual of one parameter set shows, whitened if need be.
+
+        Fitting a term that is not there costs more than its degree of freedom: in a closed
+        loop it biases the low-frequency parameters, since what is subtracted depends on
+        the future of the recording (the same effect biases autoregressive coefficients
+        when a mean is removed; Kendall 1954).  A term stays if its squared t-values, all
+        runs together, exceed what chance gives once in 14,000.  The least noticeable goes first,
+        since decays that are alike hide one another.  Those of the estimate's own slow poles
+        always stay: left out, they bias what moves the pole by many claimed errors long before
+        they are noticeable.
+        """
+        prediction = self.with_decays(values)
+        slow = prediction.terms[len(self.terms) :]
+        poles, every = prediction.terms, prediction.nuisance_terms
+        residual = self.residual(values, taps)
+        limit = chi_squared_limit(prediction.runs, ESTIMATE.seldom)
+        kept = list(range(len(poles)))
+        while kept:
+            terms = every[:, kept]
+            weights = np.linalg.solve(terms.T @ terms, terms.T)
+            amplitudes = residual @ weights.T
+            left = residual - amplitudes @ terms.T
+            variance = np.sum(left**2) / (left.size - amplitudes.size)
+            squares = np.sum(amplitudes**2 / np.sum(weights**2, axis=1), axis=0) / variance
+            squares[[poles[place] in slow for place in kept]] = np.inf
+            least = int(np.argmin(squares))
+            if squares[least] > limit:
+                break
+            del kept[least]
+        return tuple(poles[place] for place in kept)
 
     def rows(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
         """Jacobian of the prediction, and below it the residual u - u_hat.
@@ -424,9 +486,8 @@ class Prediction:
         ]
 
     def weighed(self, rows: FloatArray) -> FloatArray:
-        """Rows of samples as real numbers whose products are those of the band's likelihood."""
-        assert self.band_terms is not None
-        return self.band_terms.weighted(rows)
+        """Rows of samples as real numbers whose products are those of the likelihood."""
+        return rows if self.band_terms is None else self.band_terms.weighted(rows)
 
     def of_runs(self, runs: list[int]) -> Prediction:
         """The prediction of some runs alone."""
@@ -436,6 +497,19 @@ class Prediction:
             control_spectrum=self.control_spectrum[runs],
             fine=tuple(fine and fine.of_runs(runs) for fine in self.fine),
         )
+
+    @property
+    def is_large(self) -> bool:
+        """Whether a search is faster by the adjoint, see `pilotid.time_domain.likelihood`."""
+        return (self.runs - 1) * self.s.size >= SEARCH.adjoint_bins and not self.model.changes
+
+    @cached_property
+    def binned(self) -> Prediction:
+        """The prediction at few frequencies, without the mean and what the window makes of it.
+
+        One whose inputs vary in time has no such form, and stays as it is.
+        """
+        return self if self.model.changes else _binned(self)
 
     def below(self, band: float) -> Prediction:
         """Itself: only a reduced prediction is any faster with fewer frequencies."""
@@ -535,6 +609,86 @@ class Prediction:
         return signal[..., self.first : self.first + self.scored]
 
 
+@dataclass(frozen=True, eq=False)
+class BinnedPrediction(Prediction):
+    """A prediction whose samples are weighted spectra at few frequencies.
+
+    Attributes
+    ----------
+    counted
+        Scored samples of all runs of the prediction that it stands for.
+    weights
+        Of the spectra at each frequency, shape (groups,).
+    """
+
+    counted: int
+    weights: FloatArray
+
+    @property
+    def samples(self) -> int:
+        return self.counted
+
+    @property
+    def block(self) -> int:
+        return SEARCH.sets_at_once
+
+    def samples_of(self, spectrum: ComplexArray) -> FloatArray:
+        weighted = np.ascontiguousarray(spectrum * self.weights)
+        return weighted.view(float)
+
+    def weighed(self, rows: FloatArray) -> FloatArray:
+        """The rows: `weights` are those of the band already."""
+        return rows
+
+    def below(self, band: float) -> BinnedPrediction:
+        """The same with what lies above a frequency [rad/s] left out."""
+        return self._with(self.s.imag < band)
+
+    def _with(self, chosen: BoolArray) -> BinnedPrediction:
+        return replace(
+            self,
+            s=self.s[chosen],
+            spectra=tuple(spectrum[:, chosen] for spectrum in self.spectra),
+            control_spectrum=self.control_spectrum[:, chosen],
+            weights=self.weights[chosen],
+        )
+
+
+def _binned(prediction: Prediction) -> BinnedPrediction:
+    scored = prediction.scored
+    window = np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(scored) + 0.5) / scored) ** 2
+    given = np.array([*prediction.spectra, prediction.control_spectrum])
+    signals = np.fft.rfft(prediction.samples_of(given) * window)
+    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, prediction.dt), dtype=float)
+    groups = group_begins(
+        omega, SEARCH.binned_share, SEARCH.max_binned_width, 2
+    )  # the mean and what the window makes of it go
+    sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
+    sizes[sizes == 0.0] = 1.0
+    signals = signals / sizes[:, None, None]
+    products = np.einsum("irk,jrk->kij", signals, signals.conj())
+    summed = np.add.reduceat(products, groups, axis=0)
+    size, vectors = np.linalg.eigh(summed)
+    factor = vectors * np.sqrt(np.maximum(size, 0.0))[:, None, :]
+    spectra = np.transpose(factor, (1, 2, 0)) * sizes[:, None, None]  # (signal, part, group)
+    counts = np.diff([*groups, omega.size])
+    middle = np.add.reduceat(omega, groups) / counts
+    held = {field.name: getattr(prediction, field.name) for field in fields(Prediction)}
+    held |= {
+        "s": 1j * middle,
+        "spectra": tuple(spectra[:-1]),
+        "control_spectrum": spectra[-1],
+        "terms": (),
+    }
+    # Parseval: bins stand for two, but for the one at half the sampling rate.
+    weights = np.full(len(counts), np.sqrt(2.0 / scored))
+    if prediction.weighting is None or prediction.band_terms is None:
+        return BinnedPrediction(**held, counted=prediction.runs * scored, weights=weights)
+    weights = weights * np.sqrt(prediction.weighting.weights(middle))
+    counted = prediction.band_terms.residuals
+    return BinnedPrediction(**held, counted=counted, weights=weights)._with(weights > 0.0)
+
+
 def predict(recording: Recording, model: PilotModel, band: float | None = None) -> Prediction:
     """Prepare the prediction of a recording's control in an analysis band [rad/s].
 
@@ -563,7 +717,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     )
     return Prediction(
         model=model,
-        dt=prepared.dt,
+        band=analysis_band(recording.dt, band),
         s=_laplace(length, prepared.dt),
         spectra=tuple(
             channel.sign * transformed(signal, edges)

@@ -10,7 +10,7 @@ low-pass filter's two parameters by 2 % at the most; see `pilotid.bounds.bounds`
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -243,6 +243,28 @@ class Autoregressive:
         taps = np.concatenate([[1.0], values])
         return values, float(taps @ own @ taps)
 
+
+@dataclass(frozen=True, eq=False)
+class Whitener(Autoregressive):
+    """A whitening filter that is known: a model of the remnant without parameters.
+
+    Attributes
+    ----------
+    known
+        The filter, shape (taps,), whose first entry is one.
+    """
+
+    order: int = field(default=0, init=False)
+    known: FloatArray
+    regressive = False
+
+    def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
+        """The filter, shape (1, taps), and no derivatives: it is one for all sets."""
+        return self.known[None], np.zeros((1, 0, self.known.size))
+
+
+#: No filter: the residual of a prediction is white in its band.
+WHITE = Whitener(np.ones(1))
 
 #: A family of remnant spectra, up to the power, which is estimated apart.  It has the bounds of
 #: its parameters, so that it can be searched by `pilotid.solve.least_squares.minimise`; whitening

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -31,13 +30,12 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise, minimise_each, solve_linear
 from pilotid.solve.search import draw_starts, search
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import PredictionErrors, binned
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.noise import RemnantChoice
 from pilotid.time_domain.optimum import Candidates, Optimum
-from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict, weighted
-from pilotid.time_domain.prepare import Band, analysis_band, decimation
-from pilotid.time_domain.remnant_models import FIRST_NOISE_MODEL, guess_parameters
+from pilotid.time_domain.prepare import decimation
+from pilotid.time_domain.remnant_models import FIRST_NOISE_MODEL, WHITE, Whitener, guess_parameters
 from pilotid.time_domain.settings import SEARCH, LikelihoodSettings
 
 
@@ -61,24 +59,21 @@ def maximise_likelihood(
     lines = lines_pilot(recording, model, rng)
     first = first_fit(recording, model, rng, settings, lines)
     swept = sweep(first, rng, settings, lines)
-    prediction = replace(first.prediction, terms=swept.terms)
+    whole = first.joint.prediction
+    prediction = replace(whole, terms=swept.terms)
     # The lines' pilot rests on no model of the remnant.
     pilots = [*swept.candidates, *([] if lines is None else lines)]
-    choices = [
-        RemnantChoice(prediction, first.band, pilot, settings.noise, first.coarse)
-        for pilot in pilots
-    ]
-    tried = [_best_of(c, settings, swept.check) for c in _likely(choices, swept.check)]
+    choices = [RemnantChoice(prediction, pilot, settings.noise, swept.check) for pilot in pilots]
+    tried = [choice.best(settings.rounds) for choice in _likely(choices, swept.check)]
     best, competing = _best_and_competing(tried)
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
     terms = swept.terms
     for _ in range(SEARCH.term_rounds):
-        whitened = OutputErrors(first.prediction, best.joint.whitener(best.values))
-        before, terms = terms, whitened.noticeable_terms(best.pilot)
+        before, terms = terms, whole.noticeable_terms(best.pilot, best.whitener)
         if len(terms) == len(before) and np.allclose(terms, before, rtol=SEARCH.same_decay):
             break
-        prediction = replace(first.prediction, terms=terms)
-        best = optimum_near(prediction, first.band, best.pilot, settings, swept.check)
+        prediction = replace(whole, terms=terms)
+        best = optimum_near(prediction, best.pilot, settings, swept.check)
     best = _elsewhere(best)
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
@@ -99,12 +94,12 @@ def maxima_from(
         Pilot parameters, shape (sets, parameters); band and nuisance terms suit the first.
     """
     for rate in _rates(recording, settings):
-        first = _fitted(recording, model, settings, rate, sets[:1])
-        if first.wide_enough:
+        first = _fitted(_prediction(recording, model, settings, rate), settings, sets[:1])
+        if wide_enough(first):
             break
-    terms = OutputErrors(first.prediction, first.taps).noticeable_terms(sets[0])
-    prediction = replace(first.prediction, terms=terms)
-    return [optimum_near(prediction, first.band, pilot, settings) for pilot in sets]
+    whole = first.joint.prediction
+    prediction = replace(whole, terms=whole.noticeable_terms(sets[0], first.whitener))
+    return [optimum_near(prediction, pilot, settings) for pilot in sets]
 
 
 def lines_pilot(
@@ -133,64 +128,13 @@ def is_sound(model: PilotModel, lines: FloatArray | None) -> bool:
 # ------------------------------------------------------------- 1. the first pilot, and the band
 
 
-@dataclass(frozen=True, eq=False)
-class FirstFit:
-    """Pilots with a second-order remnant, in an analysis band.
-
-    Attributes
-    ----------
-    prediction, band
-        The prediction in the analysis band.
-    coarse
-        The same with binned spectra.
-    joint
-        Pilot and remnant there.
-    end
-        The pilots, each with its remnant, best first.
-    """
-
-    prediction: Prediction
-    band: Band
-    coarse: Prediction
-    joint: PredictionErrors
-    end: Minima
-
-    @property
-    def pilot(self) -> FloatArray:
-        """The best pilot, shape (parameters,)."""
-        return self.end.values[0, : self.joint.pilot]
-
-    @cached_property
-    def taps(self) -> FloatArray:
-        """The filter that whitens its remnant."""
-        return self.joint.whitener(self.end.values[0])
-
-    @property
-    def wide_enough(self) -> bool:
-        """Whether the band holds what the recording tells of the pilot, see `edge_information`.
-
-        Filter and decimation reach into the future a little; in a loop that answers at once
-        (position control) the remnant there, which the error shows too, would otherwise bias
-        delays and neuromuscular parameters.  In the likelihood of a band whose loop falls off
-        above it nothing is biased, and information is lost.
-        """
-        weighting = self.prediction.weighting
-        biased = weighting is None or weighting.answers_at_once
-        most = SEARCH.max_edge_information if biased else SEARCH.max_lost_information
-        return edge_information(self.prediction, self.pilot, self.taps) <= most
-
-    def own_remnants(self, pilots: FloatArray) -> Minima:
-        """Each pilot with the remnant that it leaves, both estimated together."""
-        return _own_remnants(self.joint, self.prediction, pilots)
-
-
 def first_fit(
     recording: Recording,
     model: PilotModel,
     rng: np.random.Generator,
     settings: LikelihoodSettings,
     lines: FloatArray | None,
-) -> FirstFit:
+) -> Optimum:
     """The first pilot, in the first band that is wide enough for it, or else in the last one.
 
     Parameters
@@ -202,40 +146,36 @@ def first_fit(
     """
     pilots = lines if is_sound(model, lines) else None
     for rate in _rates(recording, settings):
+        prediction = _prediction(recording, model, settings, rate)
         if pilots is None:
-            coarse = binned(_prediction(recording, model, settings, rate))
-            white = OutputErrors(coarse.below(settings.search_band))
+            white = _whitened(prediction.binned.below(settings.search_band), WHITE)
             ends = search(
                 white.gram, model, rng, candidates=settings.candidates, refined=settings.refined
             )
             pilots = np.concatenate([ends.distinct(), *([] if lines is None else [lines])])
-        first = _fitted(recording, model, settings, rate, pilots)
-        if first.wide_enough:
+        first = _fitted(prediction, settings, pilots)
+        if wide_enough(first):
             break
     return first
 
 
-def _fitted(
-    recording: Recording,
-    model: PilotModel,
-    settings: LikelihoodSettings,
-    rate: float | None,
-    pilots: FloatArray,
-) -> FirstFit:
-    prediction, band = (
-        _prediction(recording, model, settings, rate),
-        analysis_band(recording.dt, rate),
-    )
-    coarse = binned(prediction)
-    joint = PredictionErrors(coarse, settings.noise or FIRST_NOISE_MODEL, band)
-    return FirstFit(prediction, band, coarse, joint, _own_remnants(joint, prediction, pilots))
+def _whitened(prediction: Prediction, whitener: Whitener) -> Likelihood:
+    """Least squares of prediction errors, without what the loop adds in a band."""
+    return Likelihood(replace(prediction, weighting=None), whitener)
 
 
-def _own_remnants(joint: PredictionErrors, prediction: Prediction, pilots: FloatArray) -> Minima:
-    residuals = [OutputErrors(prediction).residual(pilot) for pilot in pilots]
+def _fitted(prediction: Prediction, settings: LikelihoodSettings, pilots: FloatArray) -> Optimum:
+    """The best of some pilots, shape (pilots, parameters), with a second-order remnant."""
+    joint = Likelihood(prediction, settings.noise or FIRST_NOISE_MODEL)
+    return Optimum(joint, own_remnants(joint, pilots))
+
+
+def own_remnants(joint: Likelihood, pilots: FloatArray) -> Minima:
+    """Each pilot with the remnant that it leaves, both estimated together on binned spectra."""
+    residuals = [joint.prediction.errors(pilot) for pilot in pilots]
     guesses = [guess_parameters(joint.noise, residual, joint.band) for residual in residuals]
     return minimise(
-        joint.gram,
+        joint.coarse.gram,
         np.hstack([pilots, guesses]),
         joint,
         tolerance=SEARCH.first_tolerance,
@@ -263,6 +203,20 @@ def _prediction(
     if not settings.loop:
         return prediction
     return weighted(prediction, recording, settings.weighed)
+
+
+def wide_enough(first: Optimum) -> bool:
+    """Whether the band holds what the recording tells of the pilot, see `edge_information`.
+
+    Filter and decimation reach into the future a little; in a loop that answers at once
+    (position control) the remnant there, which the error shows too, would otherwise bias
+    delays and neuromuscular parameters.  In the likelihood of a band whose loop falls off
+    above it nothing is biased, and information is lost.
+    """
+    prediction = first.joint.prediction
+    biased = prediction.weighting is None or prediction.weighting.answers_at_once
+    most = SEARCH.max_edge_information if biased else SEARCH.max_lost_information
+    return edge_information(prediction, first.pilot, first.whitener) <= most
 
 
 def edge_information(prediction: Prediction, pilot: FloatArray, taps: FloatArray) -> float:
@@ -311,7 +265,7 @@ class Swept:
 
 
 def sweep(
-    first: FirstFit,
+    first: Optimum,
     rng: np.random.Generator,
     settings: LikelihoodSettings,
     lines: FloatArray | None = None,
@@ -329,10 +283,11 @@ def sweep(
     lines
         The pilot of the forcing functions' lines, shape (1, parameters); None without lines.
     """
-    model, samples = first.prediction.model, first.coarse.samples
+    coarse = first.joint.prediction.binned
+    model, samples = coarse.model, coarse.samples
     near = np.zeros((0, len(model.parameters))) if lines is None else lines
-    check = Candidates(first.coarse, lines)
-    whitened = OutputErrors(first.coarse, first.taps)
+    check = Candidates(coarse, lines)
+    whitened = _whitened(coarse, Whitener(first.whitener))
     count = 0 if is_sound(model, lines) else settings.candidates
     starts = _starts(model, first.pilot, rng, count)
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
@@ -359,9 +314,10 @@ def sweep(
     candidates, agreeing = optima(passed, samples, SEARCH.sweep_deviance)
     candidates = np.concatenate([candidates, near])
     if len(candidates) > 1:
-        own = check.only(first.own_remnants(candidates))
+        own = own_remnants(first.joint, candidates)
+        own = own.only(check.which(own))
         candidates = optima(own, samples, SEARCH.candidate_deviance)[0][:, : first.joint.pilot]
-    terms = OutputErrors(first.prediction, first.taps).noticeable_terms(candidates[0])
+    terms = first.joint.prediction.noticeable_terms(candidates[0], first.whitener)
     given_up = np.delete(rough.cost, [start for group in met for start in group])
     cost = np.sort(np.concatenate([np.repeat(ends.cost, sizes), given_up]))
     return Swept(candidates, terms, Starts(cost / cost[0], agreeing), check)
@@ -440,7 +396,6 @@ def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
 
 def optimum_near(
     prediction: Prediction,
-    band: Band,
     pilot: FloatArray,
     settings: LikelihoodSettings,
     check: Candidates | None = None,
@@ -449,7 +404,7 @@ def optimum_near(
 
     Parameters
     ----------
-    prediction, band
+    prediction
         The prediction in the analysis band.
     pilot
         Where to begin, shape (parameters,).
@@ -458,16 +413,7 @@ def optimum_near(
     check
         Which parameters simulate the control.
     """
-    choice = RemnantChoice(prediction, band, pilot, settings.noise)
-    return _best_of(choice, settings, check).refined()
-
-
-def _best_of(
-    choice: RemnantChoice, settings: LikelihoodSettings, check: Candidates | None
-) -> Optimum:
-    """The best of all models of the remnant near one pilot."""
-    best = choice.best(settings.rounds)
-    return Optimum(best.joint, best.end, iterations=choice.iterations, check=check)
+    return RemnantChoice(prediction, pilot, settings.noise, check).best(settings.rounds).refined()
 
 
 def _likely(choices: list[RemnantChoice], check: Candidates) -> list[RemnantChoice]:
