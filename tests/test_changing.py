@@ -105,11 +105,13 @@ def test_a_change_by_nothing_is_the_constant_model(band: float | None) -> None:
 @pytest.mark.parametrize("band", [None, 50.0])
 def test_the_jacobian_is_that_of_finite_differences(band: float | None) -> None:
     prediction = predict(simulate(replace(SLOW, runs=2), np.random.default_rng(1)), ADAPTING, band)
-    rows = prediction.rows(SETS)
+    rows = prediction.samples_of(prediction.row_spectra(SETS))
     for values, own in zip(SETS, rows, strict=True):
         for i, slope in enumerate(own[:-1]):
             step = 1e-6 * values[i] * np.eye(len(values))[i]
-            ends = prediction.rows(np.array([values - step, values + step]))[:, -1]
+            ends = prediction.samples_of(
+                prediction.row_spectra(np.array([values - step, values + step]))
+            )[:, -1]
             found = (ends[0] - ends[1]) / (2.0 * step[i])
             assert np.max(np.abs(found - slope)) < 1e-5 * np.max(np.abs(slope)), ADAPTING.keys[i]
 
@@ -118,10 +120,12 @@ def test_a_model_of_ones_own_has_its_jacobian_too() -> None:
     recording = recording_of(SCENARIOS["nominal"])
     prediction = predict(recording, OWN, 50.0)
     values = OWN.start
-    own = prediction.rows(values[None])[0]
+    own = prediction.samples_of(prediction.row_spectra(values[None]))[0]
     for i, slope in enumerate(own[:-1]):
         step = 1e-6 * max(values[i], 0.1) * np.eye(len(values))[i]
-        ends = prediction.rows(np.array([values - step, values + step]))[:, -1]
+        ends = prediction.samples_of(
+            prediction.row_spectra(np.array([values - step, values + step]))
+        )[:, -1]
         found = (ends[0] - ends[1]) / (2.0 * step[i])
         # The lead does not change at the start: nothing depends on when.
         size = max(float(np.max(np.abs(slope))), 1e-6)

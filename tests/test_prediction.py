@@ -28,7 +28,7 @@ from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import BESIDE, predict
 from pilotid.time_domain.prepare import decimation, fast_length, prepare
-from pilotid.time_domain.remnant_models import WHITE, Whitener
+from pilotid.time_domain.remnant_models import WHITE, Autoregressive, Whitener
 
 pytestmark = pytest.mark.numerical
 
@@ -140,7 +140,7 @@ def test_rows_are_the_derivatives_of_the_prediction_and_its_residual(
     recording = simulate(replace(scenario, runs=2), np.random.default_rng(3))
     prediction = predict(recording, scenario.model, band)
     values = apart(scenario.values)
-    rows = prediction.rows(values)
+    rows = prediction.samples_of(prediction.row_spectra(values))
     count = values.shape[1]
     assert rows.shape == (2, count + 1, 2, prediction.scored)
     for point, row in zip(values, rows, strict=True):
@@ -210,10 +210,12 @@ def test_residual_is_the_last_row_without_whitening() -> None:
 @pytest.mark.parametrize("band", [None, 26.0])
 def test_whitened_rows_are_the_moving_average_of_the_plain_rows(band: float | None) -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
-    prediction = predict(recording, MULTI, band)
+    prediction = replace(predict(recording, MULTI, band), terms=())
     values = apart(NOMINAL.values)
     taps = np.array([1.0, -1.3, 0.5, 0.1])
-    plain, filtered = prediction.rows(values), prediction.rows(values, taps)
+    plain, filtered = (
+        Likelihood(prediction, each).rows(values) for each in (WHITE, Whitener(taps))
+    )
     expected = sum(
         tap * plain[..., 3 - lag : plain.shape[-1] - lag] for lag, tap in enumerate(taps)
     )
@@ -225,11 +227,11 @@ def test_whitened_rows_are_the_moving_average_of_the_plain_rows(band: float | No
 def test_every_parameter_set_can_have_its_own_whitening_filter() -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
     prediction = predict(recording, MULTI, 26.0)
-    values = apart(NOMINAL.values)
-    taps = np.array([[1.0, -0.9, 0.1], [1.0, 0.3, -0.2]])
-    together = prediction.rows(values, taps)
+    values = np.hstack([apart(NOMINAL.values), [[-0.9, 0.1], [0.3, -0.2]]])
+    together = Likelihood(prediction, Autoregressive(2)).rows(values)[:, [*range(7), -1]]
     for i in range(2):
-        alone = prediction.rows(values[[i]], taps[i])[0]
+        own = Whitener(np.array([1.0, *values[i, 7:]]))
+        alone = Likelihood(prediction, own).rows(values[[i], :7])[0]
         np.testing.assert_allclose(together[i], alone, atol=1e-12 * np.abs(alone).max())
 
 

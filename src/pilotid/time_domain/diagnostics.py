@@ -45,7 +45,7 @@ from pilotid.time_domain.prepare import (
     prediction_error_filters,
     prepare,
 )
-from pilotid.time_domain.remnant_models import best_noise_model
+from pilotid.time_domain.remnant_models import Whitener, best_noise_model
 
 USUAL_BAND = 50.0  # rad/s, the analysis band where the method has no model of the remnant
 
@@ -175,7 +175,7 @@ def drift_left(joint: Likelihood, values: FloatArray) -> tuple[float, FloatArray
     residual = prediction.without_nuisance(prediction.residual(pilot))
     flat = residual - np.outer(residual @ line, line) / (line @ line)
     taps = best_noise_model(flat, band).whitener(band)
-    rows = prediction.without_nuisance(prediction.rows(pilot[None], taps))[0]
+    rows = Likelihood(prediction, Whitener(taps)).rows(pilot[None])[0]
     *jacobian, errors = rows.reshape(len(rows), -1)
     own = np.array([column / (np.linalg.norm(column) or 1.0) for column in jacobian])
     # What the pilot explains comes first; a line in each run then explains of the rest what it

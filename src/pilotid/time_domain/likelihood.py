@@ -18,7 +18,7 @@ import numpy as np
 
 from pilotid.solve.least_squares import Problem
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray
-from pilotid.time_domain.prediction import BinnedPrediction, Prediction
+from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.remnant_models import WHITE, NoiseModel
 from pilotid.time_domain.settings import SEARCH
 
@@ -110,7 +110,7 @@ class Likelihood(Problem):
         regressed = self.noise.regressive and prediction.block > 1 and not any(prediction.terms)
         if self.terms is None:
             return super().products(values)
-        if regressed and not isinstance(prediction, BinnedPrediction):
+        if regressed and prediction.weights is None:
             rows = self._regressed_in_band(values)
         else:
             rows = prediction.weighed(self.rows(values))

@@ -10,7 +10,7 @@ nuisance term, which is projected out of both.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
 import numpy as np
@@ -200,6 +200,9 @@ class Prediction:
         `spectra` is then one.
     weighting
         How frequencies count in the likelihood of the band; None for direct prediction errors.
+    weights, counted
+        Of spectra that are reduced to few frequencies their weights, shape (bins,), and the number
+        of samples that they stand for; None, 0 of samples.
     """
 
     model: PilotModel
@@ -213,6 +216,8 @@ class Prediction:
     terms: tuple[float, ...]
     fine: tuple[FineInput | None, ...]
     weighting: Weighting | None
+    weights: FloatArray | None = None
+    counted: int = 0
 
     @property
     def dt(self) -> float:
@@ -227,6 +232,8 @@ class Prediction:
     @property
     def block(self) -> int:
         """Parameter sets that are evaluated at once: one beyond any cache, to spare memory."""
+        if self.weights is not None:
+            return SEARCH.sets_at_once
         return BLOCK if self.control_spectrum.size < LONG_BINS else 1
 
     @property
@@ -266,7 +273,7 @@ class Prediction:
     @property
     def samples(self) -> int:
         """Scored samples of all runs, less the nuisance terms fitted to each run."""
-        return self.runs * (self.scored - len(self.terms))
+        return self.counted or self.runs * (self.scored - len(self.terms))
 
     @cached_property
     def band_terms(self) -> BandTerms | None:
@@ -291,18 +298,8 @@ class Prediction:
             for channel in self.model.channels
         )
         one = np.ones((1, omega.size), dtype=complex)
-        return Prediction(
-            model=self.model,
-            band=self.band,
-            s=s,
-            spectra=spectra,
-            control_spectrum=one,
-            length=self.length,
-            first=0,
-            scored=omega.size,
-            terms=(),
-            fine=self.fine,
-            weighting=None,
+        return replace(
+            self, s=s, spectra=spectra, control_spectrum=one, terms=(), weighting=None, weights=None
         )
 
     @property
@@ -386,29 +383,20 @@ class Prediction:
             del kept[least]
         return tuple(poles[place] for place in kept)
 
-    def rows(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
-        """Jacobian of the prediction, and below it the residual u - u_hat.
+    def row_spectra(self, values: FloatArray, between: int = 0) -> ComplexArray:
+        """Transforms of the prediction's Jacobian, and below it of the residual u - u_hat.
 
         Parameters
         ----------
         values
             Parameter sets, shape (sets, parameters).
-        taps
-            Whitening filter (moving average) of each set, shape (sets, taps), or one for
-            all, shape (taps,).
+        between
+            Number of empty rows between Jacobian and residual, for other parameters.
 
         Returns
         -------
-        Array of shape (sets, parameters + 1, runs, scored).
-        """
-        return self.samples_of(self.row_spectra(values, taps))
-
-    def row_spectra(
-        self, values: FloatArray, taps: FloatArray | None = None, between: int = 0
-    ) -> ComplexArray:
-        """The transforms of `rows`, shape (sets, parameters + 1, runs, bins).
-
-        `between` is a number of empty rows between Jacobian and residual, for other parameters.
+        ComplexArray
+            Shape (sets, parameters + between + 1, runs, bins).
         """
         sets, count = values.shape
         rows = count + between + 1
@@ -416,9 +404,6 @@ class Prediction:
         step = self.s.size if any(self.fine) else LONG_BINS
         for begin in range(0, self.s.size, step):
             self._put(spectrum, values, slice(begin, begin + step))
-        if taps is not None:
-            response = self.filter_response(taps)
-            spectrum *= response[:, None, None] if response.ndim > 1 else response
         return spectrum
 
     def _put(self, spectrum: ComplexArray, values: FloatArray, bins: slice) -> None:
@@ -487,7 +472,8 @@ class Prediction:
 
     def weighed(self, rows: FloatArray) -> FloatArray:
         """Rows of samples as real numbers whose products are those of the likelihood."""
-        return rows if self.band_terms is None else self.band_terms.weighted(rows)
+        terms = self.band_terms
+        return rows if terms is None or self.weights is not None else terms.weighted(rows)
 
     def of_runs(self, runs: list[int]) -> Prediction:
         """The prediction of some runs alone."""
@@ -509,11 +495,52 @@ class Prediction:
 
         One whose inputs vary in time has no such form, and stays as it is.
         """
-        return self if self.model.changes else _binned(self)
+        if self.model.changes:
+            return self
+        scored = self.scored
+        window = np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(scored) + 0.5) / scored) ** 2
+        given = np.array([*self.spectra, self.control_spectrum])
+        signals = np.fft.rfft(self.samples_of(given) * window)
+        omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, self.dt), dtype=float)
+        groups = group_begins(omega, SEARCH.binned_share, SEARCH.max_binned_width, 2)
+        sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
+        sizes[sizes == 0.0] = 1.0
+        signals = signals / sizes[:, None, None]
+        products = np.einsum("irk,jrk->kij", signals, signals.conj())
+        summed = np.add.reduceat(products, groups, axis=0)
+        size, vectors = np.linalg.eigh(summed)
+        factor = vectors * np.sqrt(np.maximum(size, 0.0))[:, None, :]
+        spectra = np.transpose(factor, (1, 2, 0)) * sizes[:, None, None]  # (signal, part, group)
+        counts = np.diff([*groups, omega.size])
+        middle = np.add.reduceat(omega, groups) / counts
+        # Parseval: bins stand for two, but for the one at half the sampling rate.
+        weights, terms = np.full(len(counts), np.sqrt(2.0 / scored)), self.band_terms
+        if self.weighting is not None:
+            weights *= np.sqrt(self.weighting.weights(middle))
+        return replace(
+            self,
+            s=1j * middle,
+            spectra=tuple(spectra[:-1]),
+            control_spectrum=spectra[-1],
+            terms=(),
+            weights=weights,
+            counted=self.runs * scored if terms is None else terms.residuals,
+        )._with(weights > 0.0)
 
     def below(self, band: float) -> Prediction:
-        """Itself: only a reduced prediction is any faster with fewer frequencies."""
-        return self
+        """Few frequencies without those above one [rad/s]; any other prediction as it is."""
+        return self if self.weights is None else self._with(self.s.imag < band)
+
+    def _with(self, chosen: BoolArray) -> Prediction:
+        """The same with some of few frequencies alone."""
+        assert self.weights is not None
+        return replace(
+            self,
+            s=self.s[chosen],
+            spectra=tuple(spectrum[:, chosen] for spectrum in self.spectra),
+            control_spectrum=self.control_spectrum[:, chosen],
+            weights=self.weights[chosen],
+        )
 
     def filter_response(self, taps: FloatArray) -> ComplexArray:
         """Response of moving-average filters at the bins, shape (..., bins)."""
@@ -604,89 +631,11 @@ class Prediction:
         return signal[..., first - most : first + self.scored]
 
     def samples_of(self, spectrum: ComplexArray) -> FloatArray:
-        """The scored samples of transforms, shape (..., scored)."""
+        """The scored samples of transforms, (..., scored); of few frequencies, real numbers."""
+        if self.weights is not None:
+            return np.ascontiguousarray(spectrum * self.weights).view(float)
         signal = np.fft.irfft(spectrum, n=self.length)
         return signal[..., self.first : self.first + self.scored]
-
-
-@dataclass(frozen=True, eq=False)
-class BinnedPrediction(Prediction):
-    """A prediction whose samples are weighted spectra at few frequencies.
-
-    Attributes
-    ----------
-    counted
-        Scored samples of all runs of the prediction that it stands for.
-    weights
-        Of the spectra at each frequency, shape (groups,).
-    """
-
-    counted: int
-    weights: FloatArray
-
-    @property
-    def samples(self) -> int:
-        return self.counted
-
-    @property
-    def block(self) -> int:
-        return SEARCH.sets_at_once
-
-    def samples_of(self, spectrum: ComplexArray) -> FloatArray:
-        weighted = np.ascontiguousarray(spectrum * self.weights)
-        return weighted.view(float)
-
-    def weighed(self, rows: FloatArray) -> FloatArray:
-        """The rows: `weights` are those of the band already."""
-        return rows
-
-    def below(self, band: float) -> BinnedPrediction:
-        """The same with what lies above a frequency [rad/s] left out."""
-        return self._with(self.s.imag < band)
-
-    def _with(self, chosen: BoolArray) -> BinnedPrediction:
-        return replace(
-            self,
-            s=self.s[chosen],
-            spectra=tuple(spectrum[:, chosen] for spectrum in self.spectra),
-            control_spectrum=self.control_spectrum[:, chosen],
-            weights=self.weights[chosen],
-        )
-
-
-def _binned(prediction: Prediction) -> BinnedPrediction:
-    scored = prediction.scored
-    window = np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(scored) + 0.5) / scored) ** 2
-    given = np.array([*prediction.spectra, prediction.control_spectrum])
-    signals = np.fft.rfft(prediction.samples_of(given) * window)
-    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, prediction.dt), dtype=float)
-    groups = group_begins(
-        omega, SEARCH.binned_share, SEARCH.max_binned_width, 2
-    )  # the mean and what the window makes of it go
-    sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
-    sizes[sizes == 0.0] = 1.0
-    signals = signals / sizes[:, None, None]
-    products = np.einsum("irk,jrk->kij", signals, signals.conj())
-    summed = np.add.reduceat(products, groups, axis=0)
-    size, vectors = np.linalg.eigh(summed)
-    factor = vectors * np.sqrt(np.maximum(size, 0.0))[:, None, :]
-    spectra = np.transpose(factor, (1, 2, 0)) * sizes[:, None, None]  # (signal, part, group)
-    counts = np.diff([*groups, omega.size])
-    middle = np.add.reduceat(omega, groups) / counts
-    held = {field.name: getattr(prediction, field.name) for field in fields(Prediction)}
-    held |= {
-        "s": 1j * middle,
-        "spectra": tuple(spectra[:-1]),
-        "control_spectrum": spectra[-1],
-        "terms": (),
-    }
-    # Parseval: bins stand for two, but for the one at half the sampling rate.
-    weights = np.full(len(counts), np.sqrt(2.0 / scored))
-    if prediction.weighting is None or prediction.band_terms is None:
-        return BinnedPrediction(**held, counted=prediction.runs * scored, weights=weights)
-    weights = weights * np.sqrt(prediction.weighting.weights(middle))
-    counted = prediction.band_terms.residuals
-    return BinnedPrediction(**held, counted=counted, weights=weights)._with(weights > 0.0)
 
 
 def predict(recording: Recording, model: PilotModel, band: float | None = None) -> Prediction:

@@ -229,7 +229,7 @@ def edge_information(prediction: Prediction, pilot: FloatArray, taps: FloatArray
     pilot, taps
         A pilot, shape (parameters,), and the filter that whitens its remnant, shape (taps,).
     """
-    rows = prediction.row_spectra(pilot[None], taps)[0, :-1]
+    rows = prediction.row_spectra(pilot[None])[0, :-1] * prediction.filter_response(taps)
     # A step has all frequencies: when it was, the band need not tell in full.
     rows = np.delete(rows, prediction.model.change, axis=0)
     power = np.sum(np.abs(rows) ** 2, axis=1)
