@@ -12,7 +12,7 @@ from pilotid.datasets import SCENARIOS, simulate
 from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
-from pilotid.solve.least_squares import minimise, resume
+from pilotid.solve.least_squares import minimise
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.optimum import Optimum
@@ -115,7 +115,7 @@ def test_a_search_ends_where_that_with_exact_products_does() -> None:
     assert not fine.joint.adjoint
     np.testing.assert_allclose(fine.end.gram, exact.gram(fine.end.values), rtol=1e-9)
     assert expected.apart(fine.end.values[0], exact.residuals) < 1e-4
-    np.testing.assert_array_equal(resume(exact.gram, fine.end, exact).values, fine.end.values)
+    np.testing.assert_array_equal(minimise(exact.gram, fine.end, exact).values, fine.end.values)
 
 
 def test_only_several_runs_are_searched_by_the_adjoint() -> None:

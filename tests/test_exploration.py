@@ -10,6 +10,7 @@ from helpers import (
     NOMINAL,
     PILOTS,
     fit_of,
+    minima_at,
     without_remnant,
 )
 
@@ -21,7 +22,7 @@ from pilotid.pilot.element import position_control
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.intervals import profile_intervals
-from pilotid.solve.least_squares import Minima, minimise
+from pilotid.solve.least_squares import minimise
 from pilotid.support.numbers import recording_rng
 from pilotid.support.types import FloatArray
 from pilotid.time_domain import prediction as reduction
@@ -114,20 +115,13 @@ def test_the_reduction_has_its_optimum_where_the_pilot_is() -> None:
 def test_optima_are_told_apart_by_the_information() -> None:
     costs = np.array([100.0, 100.01, 101.0, 130.0])
     values = np.array([[0.0, 0.0], [0.01, 0.0], [0.0, 3.0], [5.0, 5.0]])
-    gram = np.tile(np.diag([100.0, 100.0, 100.0]), (4, 1, 1))
-    ends = Minima(values, costs, np.ones(4, dtype=bool), gram, 5)
+    ends = minima_at(values, costs, 100.0)
     kept, agreeing = optima(ends, samples=100, far=10.0)
     np.testing.assert_array_equal(kept, [[0.0, 0.0], [0.0, 3.0]])  # the last is too far
     assert agreeing == 2
     assert together(ends, samples=100) == [[0, 1], [2], [3]]
     assert together(ends.only(np.array([2, 1, 0])), samples=100) == [[0], [1, 2]]
-    many = Minima(
-        np.arange(20.0)[:, None] * 9.0,
-        np.full(20, 1.0),
-        np.ones(20, dtype=bool),
-        np.tile(np.eye(2), (20, 1, 1)),
-        5,
-    )
+    many = minima_at(np.arange(20.0)[:, None] * 9.0, np.ones(20))
     assert len(optima(many, samples=100, far=1.0)[0]) == SEARCH.max_candidates
 
 
@@ -239,12 +233,12 @@ def test_a_profile_that_comes_upon_a_better_optimum_says_where() -> None:
         return result
 
     start = np.zeros((1, 2))
-    minimum = Minima(start, gram(start)[:, -1, -1], np.ones(1, dtype=bool), gram(start), 1)
+    minimum = replace(minima_at(start, np.ones(1)), gram=gram(start))
     profile = profile_intervals(gram, Line(), minimum, 1.0, 2)
     assert profile.better is not None
     assert profile.better[0] > 1.0
     there = np.array([[2.0, 0.0]])
-    lower = Minima(there, gram(there)[:, -1, -1], np.ones(1, dtype=bool), gram(there), 1)
+    lower = replace(minima_at(there, np.ones(1)), gram=gram(there))
     assert profile_intervals(gram, Line(), lower, 1.0, 2).better is None
 
 

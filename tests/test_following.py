@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, fit_of, without_remnant
+from helpers import NOMINAL, fit_of, minima_at, without_remnant
 
 from pilotid.datasets import simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.lines.fit import fit_lines
 from pilotid.methods.mle import MLE
-from pilotid.solve.least_squares import Minima
 from pilotid.time_domain.optimum import Candidates
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import analysis_band
@@ -65,9 +64,7 @@ def test_who_explains_far_less_than_the_lines_pilot_does_not_follow() -> None:
 def test_ends_that_do_not_follow_are_left_out_unless_none_does() -> None:
     judged = following(TRUTH[None])
     sets = np.array([IDLE, TRUTH])
-    ends = Minima(
-        sets, np.array([1.0, 2.0]), np.ones(2, dtype=bool), np.tile(np.eye(8), (2, 1, 1)), 3
-    )
+    ends = minima_at(sets, np.array([1.0, 2.0]))
     np.testing.assert_array_equal(judged.which(ends), [1])
     none = replace(ends, values=np.array([IDLE, IDLE]))
     np.testing.assert_array_equal(judged.which(none), [0, 1])

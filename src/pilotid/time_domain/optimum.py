@@ -15,7 +15,7 @@ from pilotid.pilot.loops import are_stable
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of, score_dispersion
-from pilotid.solve.least_squares import Minima, minimise, resume
+from pilotid.solve.least_squares import Minima, minimise
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.types import BoolArray, FloatArray, IntArray
@@ -255,9 +255,9 @@ class Optimum:
             joint = Likelihood(joint.prediction, joint.noise)
             end = minimise(joint.gram, end.values[:1], joint, tolerance=tolerance)
         else:
-            end = resume(joint.gram, end, joint, tolerance=tolerance)
+            end = minimise(joint.gram, end.only([0]), joint, tolerance=tolerance)
         if tolerance < compared and not end.converged[0]:
-            end = resume(joint.gram, end, joint, tolerance=compared)
+            end = minimise(joint.gram, end.only([0]), joint, tolerance=compared)
         return replace(self, joint=joint, end=end, iterations=self.iterations + end.iterations)
 
     def moved(self, start: FloatArray) -> Optimum:
@@ -277,4 +277,5 @@ def descended(
     end = minimise(joint.gram, starts, joint, tolerance=tolerance)
     if end.converged[0]:
         return end
-    return resume(joint.gram, end, joint, tolerance=max(tolerance, SEARCH.compared_tolerance))
+    tolerance = max(tolerance, SEARCH.compared_tolerance)
+    return minimise(joint.gram, end.only([0]), joint, tolerance=tolerance)

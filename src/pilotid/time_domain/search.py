@@ -27,7 +27,7 @@ from pilotid.estimates.estimate import Starts, is_at_bound
 from pilotid.lines.fit import Pilots, fit_lines
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import Minima, minimise, minimise_each, solve_linear
+from pilotid.solve.least_squares import Minima, minimise, solve_linear
 from pilotid.solve.search import draw_starts, search
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import Likelihood
@@ -301,12 +301,13 @@ def sweep(
     )
     # What is far behind by then is given up, and of starts that met one goes on for all.
     met = together(rough, samples)[: SEARCH.sweep_survivors]
-    ends = minimise_each(
+    ends = minimise(
         whitened.gram,
         rough.values[[group[0] for group in met]],
         model,
         tolerance=SEARCH.sweep_tolerance,
         iterations=2 * SEARCH.sweep_iterations,
+        sort=False,
     )
     sizes = np.array([len(group) for group in met])
     kept = check.which(ends)
