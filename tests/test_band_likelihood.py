@@ -27,6 +27,7 @@ from pilotid.support.numbers import recording_rng
 from pilotid.support.types import FloatArray
 from pilotid.time_domain import band_likelihood
 from pilotid.time_domain.band_likelihood import (
+    OUTSIDE_WEIGHT,
     Weighting,
     closing_element,
     weighting_of,
@@ -42,7 +43,6 @@ from pilotid.time_domain.remnant_models import (
     guess_parameters,
 )
 from pilotid.time_domain.search import maxima_from
-from pilotid.time_domain.settings import BAND
 
 pytestmark = pytest.mark.numerical
 
@@ -138,7 +138,7 @@ def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> No
     signals = (recording.u, recording.e, recording.x)
     control, error, output = (np.fft.rfft(recording.window(each)[0])[1:] for each in signals)
     omega, weights = omega[1:], weights[1:]
-    described = weights + BAND.outside_weight * (1.0 - weights)
+    described = weights + OUTSIDE_WEIGHT * (1.0 - weights)
     element = scenario.element.response(omega)
 
     def whittle(values: FloatArray) -> float:

@@ -45,7 +45,7 @@ from pilotid.time_domain.search import (
     sweep,
     together,
 )
-from pilotid.time_domain.settings import PROFILE, SEARCH
+from pilotid.time_domain.settings import BARTLETT_SECONDS, SEARCH
 
 pytestmark = pytest.mark.numerical
 
@@ -122,7 +122,7 @@ def test_optima_are_told_apart_by_the_information() -> None:
     assert together(ends, samples=100) == [[0, 1], [2], [3]]
     assert together(ends.only(np.array([2, 1, 0])), samples=100) == [[0], [1, 2]]
     many = minima_at(np.arange(20.0)[:, None] * 9.0, np.ones(20))
-    assert len(optima(many, samples=100, far=1.0)[0]) == SEARCH.max_candidates
+    assert len(optima(many, samples=100, far=1.0)[0]) == 5
 
 
 def test_the_sweep_finds_the_pilot_from_a_start_that_is_nobodys() -> None:
@@ -209,7 +209,7 @@ def test_short_recordings_have_wider_intervals() -> None:
     prediction = found.joint.prediction
     seconds = prediction.scored * prediction.dt
     assert 81.0 < seconds < 83.0
-    assert found.variance_factor == pytest.approx(1.0 + PROFILE.bartlett_seconds / seconds)
+    assert found.variance_factor == pytest.approx(1.0 + BARTLETT_SECONDS / seconds)
 
 
 def test_a_profile_that_comes_upon_a_better_optimum_says_where() -> None:

@@ -8,7 +8,7 @@ the tests; it takes one start at a time and factorises the full Jacobian.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -216,8 +216,13 @@ class Minima:
 
     def only(self, which: IntArray | BoolArray | list[int]) -> Minima:
         """Some of the ends, in the order given."""
-        every = (self.values, self.converged, self.gram, self.curvature)
-        return Minima(*(each[which] for each in every), self.iterations)
+        return replace(
+            self,
+            values=self.values[which],
+            converged=self.converged[which],
+            gram=self.gram[which],
+            curvature=self.curvature[which],
+        )
 
     def best_first(self) -> Minima:
         """The same ends in the order of their costs."""
@@ -303,9 +308,10 @@ def minimise(
         scaled, own, promised = _step(old, learned, was, damping[going], lower, upper)
         if (done := promised <= tolerance * old[:, -1, -1]).any():
             converged[going[done]] = True
-            going, was, old, learned, scaled, own, promised = (
-                each[~done] for each in (going, was, old, learned, scaled, own, promised)
+            was, old, learned, scaled, own, promised = (
+                each[~done] for each in (was, old, learned, scaled, own, promised)
             )
+            going = going[~done]
             if not going.size:
                 break
         step = np.minimum(np.maximum(scaled / _scale(old), -longest), longest)

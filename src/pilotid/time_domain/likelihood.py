@@ -20,7 +20,6 @@ from pilotid.solve.least_squares import Problem
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.remnant_models import WHITE, NoiseModel
-from pilotid.time_domain.settings import SEARCH
 
 
 class Likelihood(Problem):
@@ -48,7 +47,7 @@ class Likelihood(Problem):
     ) -> None:
         self.prediction, self.noise, self.adjoint = prediction, noise, adjoint
         self.band, self.terms = prediction.band, prediction.band_terms
-        self.block = SEARCH.sets_at_once if adjoint else prediction.block
+        self.block = (prediction.binned if adjoint else prediction).block
         self.pilot = len(prediction.model.parameters)
 
     @cached_property

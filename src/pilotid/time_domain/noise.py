@@ -89,7 +89,7 @@ class RemnantChoice:
 
     def look(self) -> Optimum:
         """A first look: the model that suits what the pilot leaves, roughly fitted."""
-        return self._chosen(SEARCH.look_tolerance)
+        return self._chosen(1e-3)
 
     def best(self, rounds: int) -> Optimum:
         """The best of all, as exactly as is needed to compare them.
@@ -105,11 +105,12 @@ class RemnantChoice:
         # Of many long autoregressions the first that suits depends on where the search came from.
         while others := [] if self.noise else neighbours(found.joint.noise):
             better = self._best(self._guesses(others, self._products()), compared)
-            if abs(better.criterion - found.criterion + SEARCH.neighbour_criterion) < found.short:
+            gain = found.criterion - better.criterion
+            if abs(gain - 0.1) < found.short:
                 found, better = (
                     self._to(fit, SEARCH.reported_tolerance) for fit in (found, better)
                 )
-            if not better.criterion < found.criterion - SEARCH.neighbour_criterion:
+            if not better.criterion < found.criterion - 0.1:
                 break
             found = self._moved(better)
         return replace(found, iterations=self.iterations)

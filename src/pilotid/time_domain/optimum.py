@@ -22,7 +22,7 @@ from pilotid.support.types import BoolArray, FloatArray, IntArray
 from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.remnant_models import BandPass, criterion, remnant_estimate
-from pilotid.time_domain.settings import PROFILE, SEARCH
+from pilotid.time_domain.settings import BARTLETT_SECONDS, SEARCH
 
 
 class Candidates:
@@ -135,7 +135,7 @@ class Optimum:
     @property
     def short(self) -> float:
         """Possible further decrease of the criterion of a fit that is only compared."""
-        return SEARCH.steps_ahead * SEARCH.compared_tolerance * self.joint.residuals
+        return 10.0 * SEARCH.compared_tolerance * self.joint.residuals
 
     def is_near(self, pilot: FloatArray) -> bool:
         """Whether a pilot, shape (parameters,), differs by no more than its errors."""
@@ -182,7 +182,7 @@ class Optimum:
         """Factor on variances, and on the deviance that an interval goes to."""
         prediction = self.joint.prediction
         seconds = prediction.runs * prediction.scored * prediction.dt
-        return (1.0 + PROFILE.bartlett_seconds / seconds) * self.dispersion
+        return (1.0 + BARTLETT_SECONDS / seconds) * self.dispersion
 
     @cached_property
     def element_factor(self) -> FloatArray:

@@ -233,7 +233,7 @@ class Prediction:
     def block(self) -> int:
         """Parameter sets that are evaluated at once: one beyond any cache, to spare memory."""
         if self.weights is not None:
-            return SEARCH.sets_at_once
+            return 12  # what a cache holds
         return BLOCK if self.control_spectrum.size < LONG_BINS else 1
 
     @property
@@ -502,7 +502,7 @@ class Prediction:
         given = np.array([*self.spectra, self.control_spectrum])
         signals = np.fft.rfft(self.samples_of(given) * window)
         omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, self.dt), dtype=float)
-        groups = group_begins(omega, SEARCH.binned_share, SEARCH.max_binned_width, 2)
+        groups = group_begins(omega, 1.0 / 15.0, SEARCH.max_binned_width, 2)
         sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
         sizes[sizes == 0.0] = 1.0
         signals = signals / sizes[:, None, None]

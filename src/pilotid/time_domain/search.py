@@ -68,9 +68,9 @@ def maximise_likelihood(
     best, competing = _best_and_competing(tried)
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
     terms = swept.terms
-    for _ in range(SEARCH.term_rounds):
+    for _ in range(4):
         before, terms = terms, whole.noticeable_terms(best.pilot, best.whitener)
-        if len(terms) == len(before) and np.allclose(terms, before, rtol=SEARCH.same_decay):
+        if len(terms) == len(before) and np.allclose(terms, before, rtol=0.1):
             break
         prediction = replace(whole, terms=terms)
         best = optimum_near(prediction, best.pilot, settings, swept.check)
@@ -112,9 +112,9 @@ def lines_pilot(
         recording,
         model,
         rng,
-        candidates=SEARCH.lines_candidates,
+        candidates=96,
         refined=SEARCH.lines_refined,
-        same=SEARCH.lines_same_cost,
+        same=0.01,
     )
     pilot = fit.values[None]
     return pilot if np.isfinite(pilot).all() and Pilots(recording, model)(pilot)[0] else None
@@ -178,8 +178,8 @@ def own_remnants(joint: Likelihood, pilots: FloatArray) -> Minima:
         joint.coarse.gram,
         np.hstack([pilots, guesses]),
         joint,
-        tolerance=SEARCH.first_tolerance,
-        iterations=SEARCH.first_iterations,
+        tolerance=3e-3,
+        iterations=12,
     )
 
 
@@ -235,7 +235,7 @@ def edge_information(prediction: Prediction, pilot: FloatArray, taps: FloatArray
     power = np.sum(np.abs(rows) ** 2, axis=1)
     if prediction.weighting is not None:  # a recorder's noise tells nothing
         power = power * prediction.weighting.weights(prediction.s.imag)
-    upper = prediction.s.imag > SEARCH.edge_share * np.pi / prediction.dt
+    upper = prediction.s.imag > 0.6 * np.pi / prediction.dt
     return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
 
 
@@ -296,17 +296,17 @@ def sweep(
         whitened.gram,
         starts,
         model,
-        tolerance=SEARCH.sweep_tolerance,
-        iterations=SEARCH.sweep_iterations,
+        tolerance=1e-3,
+        iterations=8,
     )
     # What is far behind by then is given up, and of starts that met one goes on for all.
-    met = together(rough, samples)[: SEARCH.sweep_survivors]
+    met = together(rough, samples)[:9]
     ends = minimise(
         whitened.gram,
         rough.values[[group[0] for group in met]],
         model,
-        tolerance=SEARCH.sweep_tolerance,
-        iterations=2 * SEARCH.sweep_iterations,
+        tolerance=1e-3,
+        iterations=16,
         sort=False,
     )
     sizes = np.array([len(group) for group in met])
@@ -387,9 +387,7 @@ def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
     """
     near = ends.only(ends.cost <= ends.cost[0] * np.exp(far / samples))
     groups = together(near, samples)
-    return near.values[[group[0] for group in groups[: SEARCH.max_candidates]]], len(
-        groups[0]
-    ) if groups else 0
+    return near.values[[group[0] for group in groups[:5]]], len(groups[0]) if groups else 0
 
 
 # ------------------------------------------------------- 3. and 4. pilot and remnant together
@@ -444,7 +442,7 @@ def _best_and_competing(tried: Sequence[Optimum]) -> tuple[Optimum, list[FloatAr
     for other in passed:
         criterion = other.criterion
         apart = min(abs(criterion - known) for known in reached)
-        if criterion < reached[0] + SEARCH.competing_criterion and apart > SEARCH.same_criterion:
+        if criterion < reached[0] + SEARCH.competing_criterion and apart > 0.01:
             reached.append(criterion)
             competing.append(other.pilot)
     return best, competing
@@ -461,7 +459,7 @@ def _elsewhere(found: Optimum) -> Optimum:
         found.joint.gram,
         starts,
         found.joint,
-        tolerance=SEARCH.change_tolerance,
-        iterations=SEARCH.change_iterations,
+        tolerance=1e-4,
+        iterations=20,
     )
     return found.moved(ends.values[0]) if ends.cost[0] < found.end.cost[0] else found
