@@ -12,7 +12,7 @@ A remnant without parameters leaves the pilot's alone: `WHITE` is output error.
 from __future__ import annotations
 
 import math
-from functools import cached_property, reduce
+from functools import cached_property
 
 import numpy as np
 
@@ -214,39 +214,11 @@ class Likelihood(Problem):
         FloatArray
             Shape (parameters + 1,).
         """
-        prediction, model = self.prediction, self.prediction.model
-        pilot, remnant = values[None, : self.pilot], values[None, self.pilot :]
-        found = model.evaluated(prediction.s, pilot)
-        responses = [response[0] for response in model.responses_of(found)]
-        taps, slopes = (each[0] for each in self.noise.taps(remnant, self.band))
-        filters = prediction.filter_response(taps)
-        residual = reduce(
-            np.subtract,
-            map(np.multiply, responses, prediction.inputs),
-            prediction.control_spectrum,
-        )
-        errors = prediction.without_nuisance(prediction.samples_of(filters * residual))
-        plain = errors
+        prediction, length = self.prediction, self.prediction.length
+        spectra = self._spectra(values[None])[0]
+        errors = plain = prediction.without_nuisance(prediction.samples_of(spectra[-1]))
         if self.terms is not None:
             errors = prediction.without_nuisance(self.terms.filtered(errors))
-        adjoint = self._adjoint(errors)
-        by_channel = [
-            filters * response * (adjoint * signal).sum(axis=0)
-            for response, signal in zip(responses, prediction.inputs, strict=True)
-        ]
-        last = np.empty(len(values) + 1)
-        for (_, by), (_, indices), channels in zip(found, model.moving, model.sharing, strict=True):
-            total = reduce(np.add, [by_channel[c] for c in channels])
-            for index, slope in zip(indices, by, strict=True):
-                last[index] = np.sum(slope * total).real
-        by_lag = (prediction.shifts(slopes.shape[-1]) @ (adjoint * residual).sum(axis=0)).real
-        last[self.pilot : -1] = -(slopes @ by_lag)
-        last[-1] = np.vdot(plain, errors)
-        return last
-
-    def _adjoint(self, errors: FloatArray) -> ComplexArray:
-        """What times a transform, summed over bins, is the product of its samples with `errors`."""
-        prediction, length = self.prediction, self.prediction.length
         padded = np.zeros((prediction.runs, length))
         padded[:, prediction.first : prediction.first + prediction.scored] = errors
         # Bins stand for two, but for the first and the one at half the sampling rate.
@@ -254,4 +226,8 @@ class Likelihood(Problem):
         counted[0] = 1.0 / length
         if length % 2 == 0:
             counted[-1] = 1.0 / length
-        return np.asarray(np.fft.rfft(padded).conj() * counted)
+        # What times a transform, summed over bins, is the product of its samples with the errors.
+        adjoint = np.fft.rfft(padded).conj() * counted
+        last = (spectra.reshape(len(spectra), -1) @ adjoint.ravel()).real
+        last[-1] = np.vdot(plain, errors)
+        return np.asarray(last)
