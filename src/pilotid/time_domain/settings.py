@@ -115,7 +115,7 @@ class SearchSettings:
     """
 
     max_binned_width: float = 0.35
-    adjoint_bins: int = 8000
+    adjoint_bins: int = 2500
     max_edge_information: float = 0.01
     max_lost_information: float = 0.1
     lines_refined: int = 24
