@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -39,21 +40,16 @@ def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
     products, samples, band
         See `pilotid.time_domain.remnant_models.guesses`.
     """
-    scored = guesses(products, samples, band)
-    filters = [each for each in scored if not each[1].model.regressive]
-    best = [_lowest(filters), _lowest([each for each in scored if each[1].model.regressive])]
-    if isinstance(best[0][1].model, BandPass):
-        best.append(_lowest([each for each in filters if not isinstance(each[1].model, BandPass)]))
-    best.sort(key=_score)
-    return [guess for score, guess in best if score < best[0][0] + SEARCH.contender_criterion]
+    scored = sorted(guesses(products, samples, band), key=_criterion)
+    filters = [each for each in scored if not each.model.regressive]
+    best = [filters[0], next(each for each in scored if each.model.regressive)]
+    if isinstance(filters[0].model, BandPass):
+        best.append(next(each for each in filters if not isinstance(each.model, BandPass)))
+    limit = scored[0].criterion + SEARCH.contender_criterion
+    return [each for each in sorted(best, key=_criterion) if each.criterion < limit]
 
 
-def _score(scored: tuple[float, Guess]) -> float:
-    return scored[0]
-
-
-def _lowest(scored: Sequence[tuple[float, Guess]]) -> tuple[float, Guess]:
-    return min(scored, key=_score)
+_criterion = attrgetter("criterion")
 
 
 class RemnantChoice:
@@ -89,7 +85,7 @@ class RemnantChoice:
 
     def look(self) -> Optimum:
         """A first look: the model that suits what the pilot leaves, roughly fitted."""
-        return self._chosen(1e-3)
+        return self._moved(self._best_of(None, 1e-3))
 
     def best(self, rounds: int) -> Optimum:
         """The best of all, as exactly as is needed to compare them.
@@ -97,16 +93,15 @@ class RemnantChoice:
         Its model is chosen anew as the pilot moves, in as many rounds at most.
         """
         compared = SEARCH.compared_tolerance
-        found = self._chosen(compared)
+        found = self._moved(self._best_of(None, compared))
         for _ in range(0 if self.noise else rounds - 1):
-            before, found = found, self._chosen(compared)
+            before, found = found, self._moved(self._best_of(None, compared))
             if found.joint.noise == before.joint.noise:
                 break
         # Of many long autoregressions the first that suits depends on where the search came from.
         while others := [] if self.noise else neighbours(found.joint.noise):
-            better = self._best(self._guesses(others, self._products()), compared)
-            gain = found.criterion - better.criterion
-            if abs(gain - 0.1) < found.short:
+            better = self._best_of(others, compared)
+            if abs(better.criterion - found.criterion + 0.1) < found.short:
                 found, better = (
                     self._to(fit, SEARCH.reported_tolerance) for fit in (found, better)
                 )
@@ -115,29 +110,18 @@ class RemnantChoice:
             found = self._moved(better)
         return replace(found, iterations=self.iterations)
 
-    def _chosen(self, tolerance: float) -> Optimum:
-        products = self._products()
-        if self.noise:
-            models = self._guesses([self.noise], products)
-        else:
-            samples = self.prediction.runs * self.prediction.scored
-            models = contenders(products, samples, self.prediction.band)
-        return self._moved(self._best(models, tolerance))
-
-    def _guesses(self, models: Sequence[NoiseModel], products: FloatArray) -> list[Guess]:
-        return [Guess(model, model.guess(products, self.prediction.band)[0]) for model in models]
-
     def _moved(self, fit: Optimum) -> Optimum:
         self.pilot = fit.pilot
         return fit
 
-    def _products(self) -> FloatArray:
-        """Lagged products of what the pilot leaves."""
-        return lagged_products(self.prediction.errors(self.pilot))
-
-    def _best(self, models: Sequence[Guess], tolerance: float) -> Optimum:
-        """The best of some models, each with the pilot that goes with it."""
-        fits = [self._fitted(guess, tolerance) for guess in models]
+    def _best_of(self, models: Sequence[NoiseModel] | None, tolerance: float) -> Optimum:
+        """The best of some models, each with the pilot that goes with it; None for contenders."""
+        prediction = self.prediction
+        products = lagged_products(prediction.errors(self.pilot))
+        suited = products, prediction.runs * prediction.scored, prediction.band
+        models = [self.noise] if self.noise else models
+        every = contenders(*suited) if models is None else guesses(*suited, models)
+        fits = [self._fitted(guess, tolerance) for guess in every]
         best = min(fits, key=_criterion)
         near = [fit for fit in fits if not fit.criterion > best.criterion + best.short]
         if tolerance > SEARCH.compared_tolerance or len(near) == 1:
@@ -146,12 +130,11 @@ class RemnantChoice:
 
     def _fitted(self, guess: Guess, tolerance: float) -> Optimum:
         """A model fitted to a tolerance, if it is not yet."""
-        model, values = guess
-        if model in self._fits:
-            return self._to(self._fits[model][0], tolerance)
-        joint = Likelihood(self.prediction, model, adjoint=self.prediction.is_large)
+        if guess.model in self._fits:
+            return self._to(self._fits[guess.model][0], tolerance)
+        joint = Likelihood(self.prediction, guess.model, adjoint=self.prediction.is_large)
         pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
-        starts = np.array([np.concatenate([pilot, values]) for pilot in pilots])
+        starts = np.array([np.concatenate([pilot, guess.values]) for pilot in pilots])
         fit = Optimum(joint, descended(joint, starts, tolerance), check=self.check)
         return self._kept(fit, tolerance)
 
@@ -164,7 +147,3 @@ class RemnantChoice:
         self.iterations += fit.end.iterations
         self._fits[fit.joint.noise] = fit, tolerance
         return fit
-
-
-def _criterion(fit: Optimum) -> float:
-    return fit.criterion

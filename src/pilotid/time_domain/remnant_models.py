@@ -10,6 +10,7 @@ low-pass filter's two parameters by 2 % at the most; see `pilotid.bounds.bounds`
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
@@ -366,8 +367,9 @@ def criterion(model: NoiseModel, power: float, samples: int, pilot: int = 0) -> 
 
 
 class Guess(NamedTuple):
-    """A model of the remnant, and its parameters, shape (parameters,)."""
+    """A model of the remnant with parameters, shape (parameters,), and its criterion."""
 
+    criterion: float
     model: NoiseModel
     values: FloatArray
 
@@ -383,13 +385,14 @@ def guess_parameters(model: NoiseModel, residual: FloatArray, band: Band) -> Flo
 
 def best_noise_model(residual: FloatArray, band: Band) -> Guess:
     """The noise model that suits a residual (runs, samples) best."""
-    return min(
-        guesses(lagged_products(residual), residual.size, band), key=lambda scored: scored[0]
-    )[1]
+    every = guesses(lagged_products(residual), residual.size, band)
+    return min(every, key=lambda guess: guess.criterion)
 
 
-def guesses(products: FloatArray, samples: int, band: Band) -> list[tuple[float, Guess]]:
-    """Every noise model as a residual suggests it, with its criterion.
+def guesses(
+    products: FloatArray, samples: int, band: Band, models: Sequence[NoiseModel] = NOISE_MODELS
+) -> list[Guess]:
+    """Noise models as a residual suggests them.
 
     Parameters
     ----------
@@ -399,11 +402,13 @@ def guesses(products: FloatArray, samples: int, band: Band) -> list[tuple[float,
         Its samples in all runs.
     band
         The analysis band.
+    models
+        Which models.
     """
     found = []
-    for model in NOISE_MODELS:
+    for model in models:
         values, power = model.guess(products, band)
-        found.append((criterion(model, power, samples), Guess(model, values)))
+        found.append(Guess(criterion(model, power, samples), model, values))
     return found
 
 

@@ -18,7 +18,7 @@ Steps 1 and 2 look at binned spectra, steps 3 and 4 at all samples.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -57,28 +57,26 @@ def maximise_likelihood(
         Bands, starts, and the remnant's model if it is not to be chosen.
     """
     lines = lines_pilot(recording, model, rng)
-    first = first_fit(recording, model, rng, settings, lines)
-    swept = sweep(first, rng, settings, lines)
+    first = first_fit(recording, model, settings, lines, rng)
+    candidates, starts, check = sweep(first, rng, settings, lines)
     whole = first.joint.prediction
-    prediction = replace(whole, terms=swept.terms)
+    terms = whole.noticeable_terms(candidates[0], first.whitener)
+    prediction = replace(whole, terms=terms)
     # The lines' pilot rests on no model of the remnant.
-    pilots = [*swept.candidates, *([] if lines is None else lines)]
-    choices = [RemnantChoice(prediction, pilot, settings.noise, swept.check) for pilot in pilots]
-    tried = [choice.best(settings.rounds) for choice in _likely(choices, swept.check)]
-    best, competing = _best_and_competing(tried)
+    pilots = [*candidates, *([] if lines is None else lines)]
+    choices = [RemnantChoice(prediction, pilot, settings.noise, check) for pilot in pilots]
+    best, competing = _best_and_competing([each.best(settings.rounds) for each in _likely(choices)])
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
-    terms = swept.terms
     for _ in range(4):
         before, terms = terms, whole.noticeable_terms(best.pilot, best.whitener)
         if len(terms) == len(before) and np.allclose(terms, before, rtol=0.1):
             break
-        prediction = replace(whole, terms=terms)
-        best = optimum_near(prediction, best.pilot, settings, swept.check)
+        best = optimum_near(replace(whole, terms=terms), best.pilot, settings, check)
     best = _elsewhere(best)
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
         best = best.moved(np.concatenate([ordered, best.values[len(ordered) :]]))
-    return replace(best, starts=swept.starts, lines_pilot=lines, competing=competing)
+    return replace(best, starts=starts, lines_pilot=lines, competing=competing)
 
 
 def maxima_from(
@@ -93,10 +91,7 @@ def maxima_from(
     sets
         Pilot parameters, shape (sets, parameters); band and nuisance terms suit the first.
     """
-    for rate in _rates(recording, settings):
-        first = _fitted(_prediction(recording, model, settings, rate), settings, sets[:1])
-        if wide_enough(first):
-            break
+    first = first_fit(recording, model, settings, sets[:1])
     whole = first.joint.prediction
     prediction = replace(whole, terms=whole.noticeable_terms(sets[0], first.whitener))
     return [optimum_near(prediction, pilot, settings) for pilot in sets]
@@ -108,14 +103,7 @@ def lines_pilot(
     """The pilot that the forcing frequencies show, shape (1, parameters), if it is one."""
     if lines_objection(recording, model):
         return None
-    fit = fit_lines(
-        recording,
-        model,
-        rng,
-        candidates=96,
-        refined=SEARCH.lines_refined,
-        same=0.01,
-    )
+    fit = fit_lines(recording, model, rng, candidates=96, refined=SEARCH.lines_refined, same=0.01)
     pilot = fit.values[None]
     return pilot if np.isfinite(pilot).all() and Pilots(recording, model)(pilot)[0] else None
 
@@ -131,29 +119,38 @@ def is_sound(model: PilotModel, lines: FloatArray | None) -> bool:
 def first_fit(
     recording: Recording,
     model: PilotModel,
-    rng: np.random.Generator,
     settings: LikelihoodSettings,
-    lines: FloatArray | None,
+    known: FloatArray | None,
+    rng: np.random.Generator | None = None,
 ) -> Optimum:
-    """The first pilot, in the first band that is wide enough for it, or else in the last one.
+    """The best pilot with a second-order remnant, in the first band that is wide enough for it.
+
+    It is in the last one where none is.
 
     Parameters
     ----------
-    recording, model, rng, settings
+    recording, model, settings
         As for `maximise_likelihood`.
-    lines
-        The pilot of the forcing functions' lines, see `lines_pilot`.
+    known
+        Pilots to begin at, shape (pilots, parameters): that of the forcing functions' lines, say.
+    rng
+        Draws starts for pilots of a white residual where what is known is unsound; None to begin
+        at what is known.
     """
-    pilots = lines if is_sound(model, lines) else None
+    pilots = known if rng is None or is_sound(model, known) else None
     for rate in _rates(recording, settings):
-        prediction = _prediction(recording, model, settings, rate)
+        prediction = predict(recording, model, rate)
+        if settings.loop:
+            prediction = weighted(prediction, recording, settings.weighed)
         if pilots is None:
+            assert rng is not None
             white = _whitened(prediction.binned.below(settings.search_band), WHITE)
             ends = search(
                 white.gram, model, rng, candidates=settings.candidates, refined=settings.refined
             )
-            pilots = np.concatenate([ends.distinct(), *([] if lines is None else [lines])])
-        first = _fitted(prediction, settings, pilots)
+            pilots = np.concatenate([ends.distinct(), *([] if known is None else [known])])
+        joint = Likelihood(prediction, settings.noise or FIRST_NOISE_MODEL)
+        first = Optimum(joint, own_remnants(joint, pilots))
         if wide_enough(first):
             break
     return first
@@ -164,23 +161,12 @@ def _whitened(prediction: Prediction, whitener: Whitener) -> Likelihood:
     return Likelihood(replace(prediction, weighting=None), whitener)
 
 
-def _fitted(prediction: Prediction, settings: LikelihoodSettings, pilots: FloatArray) -> Optimum:
-    """The best of some pilots, shape (pilots, parameters), with a second-order remnant."""
-    joint = Likelihood(prediction, settings.noise or FIRST_NOISE_MODEL)
-    return Optimum(joint, own_remnants(joint, pilots))
-
-
 def own_remnants(joint: Likelihood, pilots: FloatArray) -> Minima:
     """Each pilot with the remnant that it leaves, both estimated together on binned spectra."""
     residuals = [joint.prediction.errors(pilot) for pilot in pilots]
     guesses = [guess_parameters(joint.noise, residual, joint.band) for residual in residuals]
-    return minimise(
-        joint.coarse.gram,
-        np.hstack([pilots, guesses]),
-        joint,
-        tolerance=3e-3,
-        iterations=12,
-    )
+    starts = np.hstack([pilots, guesses])
+    return minimise(joint.coarse.gram, starts, joint, tolerance=3e-3, iterations=12)
 
 
 def _rates(recording: Recording, settings: LikelihoodSettings) -> Iterator[float | None]:
@@ -193,16 +179,6 @@ def _rates(recording: Recording, settings: LikelihoodSettings) -> Iterator[float
         if rate > settings.band and (own := decimation(recording.dt, rate)) < factor:
             yield rate
             factor = own
-
-
-def _prediction(
-    recording: Recording, model: PilotModel, settings: LikelihoodSettings, rate: float | None
-) -> Prediction:
-    """The prediction in a band, weighted for its likelihood where that is to be had."""
-    prediction = predict(recording, model, rate)
-    if not settings.loop:
-        return prediction
-    return weighted(prediction, recording, settings.weighed)
 
 
 def wide_enough(first: Optimum) -> bool:
@@ -242,34 +218,12 @@ def edge_information(prediction: Prediction, pilot: FloatArray, taps: FloatArray
 # ------------------------------------------------------------------------------ 2. the sweep
 
 
-@dataclass(frozen=True, eq=False)
-class Swept:
-    """What a sweep found.
-
-    Attributes
-    ----------
-    candidates
-        Pilot parameters, best first, shape (candidates, parameters).
-    terms
-        The nuisance terms that the recording shows.
-    starts
-        How many starts ended in the best optimum.
-    check
-        Which parameters simulate the control as a pilot does.
-    """
-
-    candidates: FloatArray
-    terms: tuple[float, ...]
-    starts: Starts
-    check: Candidates
-
-
 def sweep(
     first: Optimum,
     rng: np.random.Generator,
     settings: LikelihoodSettings,
     lines: FloatArray | None = None,
-) -> Swept:
+) -> tuple[FloatArray, Starts, Candidates]:
     """Search the candidates, whitened by the remnant of the first pilot.
 
     Parameters
@@ -282,6 +236,11 @@ def sweep(
         Number of starts.
     lines
         The pilot of the forcing functions' lines, shape (1, parameters); None without lines.
+
+    Returns
+    -------
+    Pilots, best first, shape (candidates, parameters); how many starts ended in the best optimum;
+    which parameters simulate the control as a pilot does.
     """
     coarse = first.joint.prediction.binned
     model, samples = coarse.model, coarse.samples
@@ -292,23 +251,11 @@ def sweep(
     starts = _starts(model, first.pilot, rng, count)
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
     starts = np.concatenate([first.pilot[None], near, starts])
-    rough = minimise(
-        whitened.gram,
-        starts,
-        model,
-        tolerance=1e-3,
-        iterations=8,
-    )
+    rough = minimise(whitened.gram, starts, model, tolerance=1e-3, iterations=8)
     # What is far behind by then is given up, and of starts that met one goes on for all.
     met = together(rough, samples)[:9]
-    ends = minimise(
-        whitened.gram,
-        rough.values[[group[0] for group in met]],
-        model,
-        tolerance=1e-3,
-        iterations=16,
-        sort=False,
-    )
+    on = rough.values[[group[0] for group in met]]
+    ends = minimise(whitened.gram, on, model, tolerance=1e-3, iterations=16, sort=False)
     sizes = np.array([len(group) for group in met])
     kept = check.which(ends)
     passed = ends.only(np.repeat(kept, sizes[kept])).best_first()
@@ -318,10 +265,9 @@ def sweep(
         own = own_remnants(first.joint, candidates)
         own = own.only(check.which(own))
         candidates = optima(own, samples, SEARCH.candidate_deviance)[0][:, : first.joint.pilot]
-    terms = first.joint.prediction.noticeable_terms(candidates[0], first.whitener)
     given_up = np.delete(rough.cost, [start for group in met for start in group])
     cost = np.sort(np.concatenate([np.repeat(ends.cost, sizes), given_up]))
-    return Swept(candidates, terms, Starts(cost / cost[0], agreeing), check)
+    return candidates, Starts(cost / cost[0], agreeing), check
 
 
 def _starts(
@@ -415,13 +361,13 @@ def optimum_near(
     return RemnantChoice(prediction, pilot, settings.noise, check).best(settings.rounds).refined()
 
 
-def _likely(choices: list[RemnantChoice], check: Candidates) -> list[RemnantChoice]:
+def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     """Candidates whose criterion is low on a first look, one of each optimum, best first."""
     if len(choices) == 1:
         return choices
     firsts = [choice.look() for choice in choices]
     reached = np.array([first.criterion for first in firsts])
-    kept = check(np.array([first.pilot for first in firsts]))
+    kept = np.array([first.is_pilot for first in firsts])
     if kept.any():
         reached[~kept] = np.inf
     near = np.flatnonzero(reached < np.min(reached) + SEARCH.look_criterion)
@@ -450,16 +396,10 @@ def _best_and_competing(tried: Sequence[Optimum]) -> tuple[Optimum, list[FloatAr
 
 def _elsewhere(found: Optimum) -> Optimum:
     """The optimum, or a better one where a change in time lies elsewhere."""
-    pilot = found.joint.pilot
-    others = found.joint.prediction.model.elsewhere(found.pilot)
+    joint, remnant = found.joint, found.values[found.joint.pilot :]
+    others = joint.prediction.model.elsewhere(found.pilot)
     if not others:
         return found
-    starts = np.array([np.concatenate([other, found.values[pilot:]]) for other in others])
-    ends = minimise(
-        found.joint.gram,
-        starts,
-        found.joint,
-        tolerance=1e-4,
-        iterations=20,
-    )
+    starts = np.array([np.concatenate([other, remnant]) for other in others])
+    ends = minimise(joint.gram, starts, joint, tolerance=1e-4, iterations=20)
     return found.moved(ends.values[0]) if ends.cost[0] < found.end.cost[0] else found
