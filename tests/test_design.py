@@ -37,7 +37,7 @@ from pilotid.methods import method_named
 from pilotid.pilot.catalogue import MULTI
 from pilotid.pilot.element import element_named
 from pilotid.support.types import FloatArray, InputError
-from pilotid.time_domain.settings import PROFILE
+from pilotid.time_domain.settings import BARTLETT_SECONDS
 
 pytestmark = pytest.mark.numerical
 
@@ -50,11 +50,11 @@ def made(minimise: str = "A", limit: float = 2.0) -> Design:
 def test_errors_are_the_bounds_of_the_designs_scenario() -> None:
     found = made()
     scenario = found.scenario
-    short = 1.0 + PROFILE.bartlett_seconds / scenario.duration
+    short = 1.0 + BARTLETT_SECONDS / scenario.duration
     for own, errors in ((scenario, found.errors), (found.reference, found.reference_errors)):
         bound = np.sqrt(short * np.diag(bounds(experiment_of(own)).low_pass)) / own.values
         np.testing.assert_allclose(list(errors.values()), bound, rtol=1e-5)
-    short = 1.0 + PROFILE.bartlett_seconds / (5 * scenario.duration)
+    short = 1.0 + BARTLETT_SECONDS / (5 * scenario.duration)
     five = bounds(experiment_of(replace(scenario, runs=5))).low_pass
     expected = np.sqrt(short * np.diag(five)) / scenario.values
     np.testing.assert_allclose(list(found.five_runs.values()), expected, rtol=1e-5)

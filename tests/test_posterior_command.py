@@ -16,7 +16,7 @@ from pilotid.methods.bayes import Bayes, Inference
 from pilotid.pilot.catalogue import SINGLE
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.loops import margins
-from pilotid.posterior.likelihood import Likelihood
+from pilotid.posterior.likelihood import Marginal
 from pilotid.posterior.predictive import derived_spreads, predictive_band, vafs
 from pilotid.recordings.files import save_recording
 from pilotid.time_domain.output_error import simulated_vaf
@@ -121,7 +121,7 @@ def test_a_quantity_of_equal_draws_has_no_spread() -> None:
 def test_the_predictive_band_holds_what_it_says(noise: LowPass | Autoregressive) -> None:
     two = simulate(replace(SINGLE_LOOP, runs=2), np.random.default_rng(32))
     found = Bayes(noise=noise).infer(two, SINGLE, np.random.default_rng(2))
-    assert isinstance(found.likelihood, Likelihood)
+    assert isinstance(found.likelihood, Marginal)
     draws = found.estimate.draws
     assert draws is not None
     band = predictive_band(draws, found.likelihood, np.random.default_rng(3))

@@ -26,7 +26,7 @@ from pilotid.datasets.simulation import closed_loop, white_level
 from pilotid.support.disk import strict_json, table_bytes, write_file
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng
 from pilotid.support.types import ComplexArray, FloatArray, InputError
-from pilotid.time_domain.settings import PROFILE
+from pilotid.time_domain.settings import BARTLETT_SECONDS
 
 if TYPE_CHECKING:
     from scipy.optimize import LinearConstraint
@@ -141,7 +141,7 @@ def design(
     def errors(own: FloatArray, times: float = 1.0, runs: int = scenario.runs) -> Errors:
         """Bounds fall with the root of the time; those of a short recording are too small."""
         seconds = times * scenario.duration
-        short = 1.0 + PROFILE.bartlett_seconds / (runs * seconds)
+        short = 1.0 + BARTLETT_SECONDS / (runs * seconds)
         factor = short * scenario.runs / (runs * times)
         found = np.sqrt(factor * np.diag(told.covariance(own)))
         return dict(zip(keys, found.tolist(), strict=True))

@@ -12,10 +12,9 @@ from pilotid.estimates.loops import COUNT, SampledLoop, sampled_loops
 from pilotid.estimates.quantities import combined_spreads
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
-from pilotid.posterior.likelihood import Likelihood
+from pilotid.posterior.likelihood import Marginal
 from pilotid.recordings.recording import Recording
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 
 SIMULATED = 400  # recordings
@@ -52,9 +51,7 @@ class PredictiveBand:
         return float(np.mean((low <= self.control) & (self.control <= high)))
 
 
-def predictive_band(
-    draws: Draws, likelihood: Likelihood, rng: np.random.Generator
-) -> PredictiveBand:
+def predictive_band(draws: Draws, likelihood: Marginal, rng: np.random.Generator) -> PredictiveBand:
     """The band from equally weighted draws.
 
     Parameters
@@ -79,7 +76,7 @@ def predictive_band(
     shape = (len(values), *control.shape)
     answers, remnants = np.empty(shape), np.empty(shape)
     for i, own in enumerate(values):
-        spectra = residual_spectra(prediction, own[None, :pilot])
+        spectra = prediction.residual_spectra(own[None, :pilot])
         residual = prediction.without_nuisance(prediction.samples_of(spectra))[0]
         answers[i] = control - residual
         noise = deviations[i] * rng.standard_normal((len(control), SETTLE + control.shape[1]))
@@ -135,7 +132,7 @@ def vafs(recording: Recording, model: PilotModel, values: FloatArray) -> FloatAr
     left = np.empty(len(values))
     for begin in range(0, len(values), BLOCK):
         block = slice(begin, begin + BLOCK)
-        samples = prediction.samples_of(residual_spectra(prediction, values[block]))
+        samples = prediction.samples_of(prediction.residual_spectra(values[block]))
         left[block] = np.mean(np.var(prediction.without_nuisance(samples), axis=2), axis=1)
     return np.asarray(np.maximum(0.0, 100.0 * (1.0 - left / spread)))
 
