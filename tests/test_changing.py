@@ -29,7 +29,7 @@ from pilotid.pilot.model import (
 )
 from pilotid.pilot.timevarying import Changing
 from pilotid.solve.least_squares import Box, minimise
-from pilotid.study.fits import truths_of
+from pilotid.study.run import truths_of
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import binned
@@ -236,7 +236,7 @@ def bound() -> FloatArray:
 def test_bounds_of_four_runs_are_half_those_of_one(
     bound: FloatArray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert [t.bound for t in truths_of(BOUNDED)] == pytest.approx(bound.tolist(), rel=1e-3)
+    assert [bound for *_, bound in truths_of(BOUNDED)] == pytest.approx(bound.tolist(), rel=1e-3)
     # As many runs as one for each recording.
     monkeypatch.setattr(experiments, "RECORDINGS", RECORDINGS // 4)
     ratio = bound_of(replace(BOUNDED, runs=4)) / bound

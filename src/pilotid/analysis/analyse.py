@@ -37,9 +37,8 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import copies_among, fingerprints
 from pilotid.recordings.files import Reading
 from pilotid.recordings.windows import stem_of
-from pilotid.study.store import number
 from pilotid.support.remarks import Remark, remark_of
-from pilotid.support.store import Key, Rows
+from pilotid.support.store import Key, Rows, number
 from pilotid.support.terminal import with_bar
 from pilotid.support.types import InputError, one_line
 

@@ -24,8 +24,8 @@ from pilotid.analysis.rows import grouped
 from pilotid.estimates.method import Method, identify
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.study.store import number
 from pilotid.support.numbers import fit_rng
+from pilotid.support.store import number
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.output_error import OutputErrors, simulated_vaf
 from pilotid.time_domain.prediction import Prediction, predict
