@@ -11,7 +11,7 @@ from pathlib import Path
 from pilotid.analysis.rows import in_order
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.text import sidecar_path
+from pilotid.recordings.sidecar import sidecar_path
 from pilotid.recordings.windows import file_of, of_runs, stem_of
 from pilotid.support.types import InputError
 
