@@ -210,8 +210,8 @@ def fit(
     if json:
         from pilotid.datasets.named import fitted_scenario, model_place
 
-        for entry, own in zip(entries, fits, strict=True):
-            if scenario := fitted_scenario(own, model_place(model)):
+        for entry, found in zip(entries, fits, strict=True):
+            if scenario := fitted_scenario(found, model_place(model)):
                 entry["scenario"] = scenario
     printed = options.write_json(json, entries[0] if len(entries) == 1 else entries)
     if plot and report is None:
