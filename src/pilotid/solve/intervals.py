@@ -177,7 +177,6 @@ def profile_intervals(
     estimated: int | None = None,
     widened: float | FloatArray = 1.0,
     others: FloatArray | None = None,
-    iterations: int = 8,
     tolerance: float = 0.3,
 ) -> Profile:
     """95 % profile-likelihood intervals of the first `count` parameters.
@@ -206,9 +205,8 @@ def profile_intervals(
         (count,).
     others
         Points that may suit as well, shape (points, parameters); None for none.
-    iterations, tolerance
-        Largest number of evaluations, and how far from the sought deviance, of 3.84, the
-        last Newton step may begin.
+    tolerance
+        How far from the deviance sought, of 3.84, the last Newton step may begin.
     """
     scale = LogTransform(space.positive)
     lower, upper = scale.enter(space.lower), scale.enter(space.upper)
@@ -241,7 +239,7 @@ def profile_intervals(
     active = np.arange(2 * count)
     found = np.zeros(2 * count, dtype=bool)
     seen, reached_costs = [best[0]], [lowest]
-    for _ in range(iterations):
+    for _ in range(8):
         grams = inner(points[active])
         costs = grams[:, -1, -1]
         seen += [*points[active]]

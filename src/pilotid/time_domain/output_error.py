@@ -17,7 +17,13 @@ from pilotid.estimates.estimate import (
 )
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.solve.covariance import REACH, covariance_of, sandwich, score_products
+from pilotid.solve.covariance import (
+    REACH,
+    covariance_of,
+    hessian,
+    sandwich_of,
+    score_products,
+)
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray
@@ -142,8 +148,8 @@ class WhiteLikelihood:
         variance = gram[-1, -1] / (problem.residuals - len(values))
         covariance = covariance_of(gram[:-1, :-1], variance)
         if self.covariance == "sandwich":
-            rows = problem.rows(values[None])[0]
-            covariance = sandwich(problem.gram, rows, values, prediction.dt)
+            scores = score_products(*_scored(problem, values))
+            covariance = sandwich_of(hessian(problem.gram, values), scores)
         if covariance is None:
             return failed(method, model, Outcome.SINGULAR)
         estimate = make_estimate(
@@ -163,20 +169,25 @@ class WhiteLikelihood:
 TOO_SHORT = 1.5
 
 
+def _scored(problem: Likelihood, values: FloatArray) -> tuple[FloatArray, int]:
+    """Jacobian and residual at one parameter set, and samples over which scores are correlated."""
+    return problem.rows(values[None])[0], max(1, round(REACH / problem.prediction.dt))
+
+
 def too_short(problem: Likelihood, values: FloatArray) -> tuple[Remark, ...]:
     """A remark where the residual is coloured, with what that does to errors claimed as if white.
 
     The scores' variance over what it would be of a white residual is that of the errors, as in
-    `pilotid.solve.covariance.sandwich`.
+    `pilotid.solve.covariance.sandwich_of`.
 
     Parameters
     ----------
     problem, values
         The problem, and its optimum, shape (parameters,).
     """
-    rows = problem.rows(values[None])[0]
+    rows, reach = _scored(problem, values)
     claimed = np.sum(rows[:-1] ** 2, axis=(1, 2)) * np.mean(rows[-1] ** 2)
-    found = np.diag(score_products(rows, max(1, round(REACH / problem.prediction.dt))))
+    found = np.diag(score_products(rows, reach))
     factor = float(np.sqrt(np.median(found / np.maximum(claimed, 1e-300))))
     if not factor > TOO_SHORT:
         return ()

@@ -15,7 +15,6 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from pilotid.pilot.factors import Response
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Changing
 from pilotid.recordings.recording import Recording
@@ -400,7 +399,7 @@ class Prediction:
         """
         sets, count = values.shape
         rows = count + between + 1
-        spectrum = np.empty((sets, rows, *self.control_spectrum.shape), dtype=complex)
+        spectrum = np.zeros((sets, rows, *self.control_spectrum.shape), dtype=complex)
         step = self.s.size if any(self.fine) else LONG_BINS
         for begin in range(0, self.s.size, step):
             self._put(spectrum, values, slice(begin, begin + step))
@@ -414,15 +413,6 @@ class Prediction:
         model, spectrum = self.model, spectrum[..., bins]
         s = self.s[bins]
         found = model.evaluated(s, values)
-        filled: set[int] = set()
-
-        def put(index: int, slope: Response, part: ComplexArray) -> None:
-            if index in filled:
-                spectrum[:, index] += slope * part
-            else:
-                np.multiply(slope, part, out=spectrum[:, index])
-                filled.add(index)
-
         parts: list[ComplexArray] = []
         left = self.control_spectrum[:, bins]
         responses = model.responses_of(found)
@@ -433,7 +423,7 @@ class Prediction:
                 own = model.changing_indices[c]
                 signal, by_own = fine.modulated_slopes(changing, values[:, list(own)])
                 for place, index in enumerate(own):
-                    put(index, by_own[:, place], part)
+                    spectrum[:, index] += by_own[:, place] * part
                 part = part * signal
             left = np.subtract(left, part, out=spectrum[:, -1])
             parts.append(part)
@@ -442,7 +432,7 @@ class Prediction:
         ):
             total = reduce(np.add, [parts[c] for c in channels])
             for index, slope in zip(indices, slopes, strict=True):
-                put(index, slope[:, None] if slope.ndim > 1 else slope, total)
+                spectrum[:, index] += (slope[:, None] if slope.ndim > 1 else slope) * total
 
     @cached_property
     def inputs(self) -> list[ComplexArray]:

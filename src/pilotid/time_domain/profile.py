@@ -17,7 +17,7 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate, is_at_bound
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
-from pilotid.solve.least_squares import Box, minimise
+from pilotid.solve.least_squares import Bounds, Box, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.optimum import Optimum
@@ -105,7 +105,7 @@ def competing_optima(found: Optimum) -> FloatArray:
     starts = [np.concatenate([pilot, remnant]) for pilot in found.competing]
     if not starts:
         return np.zeros((0, len(found.values)))
-    return _ends(found, np.array(starts), None)
+    return _ends(found, np.array(starts), found.joint)
 
 
 def off_bounds(found: Optimum) -> FloatArray:
@@ -135,14 +135,8 @@ def off_bounds(found: Optimum) -> FloatArray:
     return np.concatenate([np.zeros((0, len(optimum))), *points])
 
 
-def _ends(found: Optimum, starts: FloatArray, space: Box | None) -> FloatArray:
-    return minimise(
-        found.search.gram,
-        starts,
-        found.joint if space is None else space,
-        tolerance=1e-5,
-        iterations=20,
-    ).values
+def _ends(found: Optimum, starts: FloatArray, space: Bounds) -> FloatArray:
+    return minimise(found.search.gram, starts, space, tolerance=1e-5, iterations=20).values
 
 
 def deviances(found: Optimum) -> FloatArray:
