@@ -67,7 +67,7 @@ def analyse(
     model: list[str] | None = None,
     method: list[str] | None = None,
     contrast: list[str] | None = None,
-    model_per_condition: bool = False,
+    keep_all: bool = False,
     per_run: bool = False,
     left_out: bool = False,
     reading: Reading,
@@ -82,7 +82,7 @@ def analyse(
 ) -> None:
     """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
     given = dict(locals())
-    from pilotid.analysis.experiment import analyse as analysed
+    from pilotid.experiment.experiment import analyse as analysed
     from pilotid.pilot.catalogue import AUTO
 
     with options.resumable(out):
@@ -93,7 +93,7 @@ def analyse(
             list(options.methods_of(method, ["mle"]).values()),
             out=out,
             contrasts=contrast or (),
-            model_per_condition=model_per_condition,
+            keep_all=keep_all,
             per_run=per_run,
             left_out=left_out,
             exclude=exclude or (),
