@@ -27,8 +27,8 @@ from pilotid.lines.fit import LinesFit, fit_lines
 from pilotid.pilot.catalogue import MODELS, with_held
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
-from pilotid.recordings.contents import listed
 from pilotid.recordings.recording import Recording, unit_sized
+from pilotid.recordings.roles import listed
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.types import FloatArray, InputError
 from pilotid.time_domain.constancy import changes

@@ -221,10 +221,10 @@ def infer(
     from pilotid.estimates.warnings import all_remarks
     from pilotid.methods.bayes import Bayes
     from pilotid.posterior.predictive import (
-        derived_spreads,
+        derived,
         loop_notes,
-        parameter_spreads,
         predictive_band,
+        sampled_parameters,
     )
     from pilotid.recordings.checks import remarks
     from pilotid.report.posterior import print_posterior, write_posterior
@@ -250,11 +250,11 @@ def infer(
         print_posterior(fit)
         return
     draws, plant = estimate.draws, choice.element
-    spreads = parameter_spreads(draws, model) + derived_spreads(draws, model, recording, plant)
+    quantities = sampled_parameters(draws, model) + derived(draws, model, recording, plant)
     predictive = predictive_band(draws, likelihood, rng)
     notes = [choice.words, *(loop_notes(draws, model, plant) if plant is not None else [])]
     fit = replace(fit, remarks=(*fit.remarks, *choice.remarks))
     if folder is not None:
-        written = write_posterior(folder, fit, spreads, predictive, plant, notes)
+        written = write_posterior(folder, fit, quantities, predictive, plant, notes)
         notes += [str(path) for path in written]
-    print_posterior(fit, spreads, predictive, notes)
+    print_posterior(fit, quantities, predictive, notes)

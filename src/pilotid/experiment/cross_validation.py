@@ -24,7 +24,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.support.numbers import fit_rng
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.output_error import OutputErrors, simulated_vaf
+from pilotid.time_domain.output_error import simulated_vaf
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import best_noise_model
@@ -94,10 +94,7 @@ def _errors(
 ) -> FloatArray:
     """Control less prediction, whitened if need be, shape (runs, scored); offsets are fitted."""
     prediction: Prediction = predict(recording, model, BAND)
-    prediction = replace(prediction, terms=(0.0,))
-    if taps is None:
-        return OutputErrors(prediction).residual(values)
-    return prediction.without_nuisance(prediction.residual(values, taps))
+    return replace(prediction, terms=(0.0,)).errors(values, taps)
 
 
 def failed_rows(methods: Mapping[str, Method], outcome: str) -> list[dict[str, object]]:

@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from pilotid.element.fit import chosen_element
 from pilotid.estimates.applicability import lines_objection
-from pilotid.estimates.draws import spans_decade
 from pilotid.estimates.estimate import Estimate, Outcome, failed, is_at_bound
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.loops import Loops
 from pilotid.estimates.method import Method
-from pilotid.estimates.quantities import Quantity
+from pilotid.estimates.quantities import Quantity, spans_decade
 from pilotid.experiment.cross_validation import failed_rows, predict_left_out
 from pilotid.experiment.files import CONDITION, SUBJECT, Part, in_order
 from pilotid.experiment.performance import lines_shared, performance

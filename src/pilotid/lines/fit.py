@@ -17,9 +17,9 @@ import numpy as np
 
 from pilotid.element.fit import closing_element
 from pilotid.estimates.applicability import lines_objection
-from pilotid.estimates.draws import spans_decade
 from pilotid.estimates.estimate import is_at_bound
 from pilotid.estimates.parts import RemnantEstimate, Specification, score_test
+from pilotid.estimates.quantities import spans_decade
 from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.pilot.loops import are_stable
 from pilotid.pilot.model import PilotModel
