@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 import sqlite3
 from contextlib import redirect_stdout
@@ -25,7 +26,7 @@ from pilotid.support.numbers import recording_rng
 from pilotid.support.types import InputError
 
 PATTERN = "s{subject}_{condition}"
-OPTIONS = ("--per-run", "--left-out")
+OPTIONS = ("--per-run", "--left-out", "--sensitivity")
 #: One process: to start a second one takes longer than the few fits that it would do.
 ALONE = ("--workers", "1")
 
@@ -156,6 +157,20 @@ def test_a_second_call_does_nothing_again(small: Path, monkeypatch: pytest.Monke
     assert found.to_dataframe("models").shape == (4, 3 + len(MODEL_COLUMNS))
     with pytest.raises(InputError, match="there are estimates, models, loops"):
         found.to_dataframe("figures")
+
+
+@pytest.mark.numerical
+@pytest.mark.long
+def test_estimates_shift_by_few_errors_where_a_sound_pilot_is_fitted_otherwise(
+    analysed: Path,
+) -> None:
+    page = (analysed / "report.html").read_text(encoding="utf-8")
+    table = page[page.index("Shifts of estimates") :].partition("</table>")[0]
+    assert table.count("lead-in 3 s longer") == 2  # a row for each condition
+    cells = re.findall(r"<td[^>]*>([^<]+)</td>", table)
+    shifts = [float(cell.replace("\N{MINUS SIGN}", "-")) for cell in cells if cell[-1:].isdigit()]
+    assert len(shifts) > 30
+    assert np.median(np.abs(shifts)) < 1.5
 
 
 @pytest.mark.numerical

@@ -84,7 +84,7 @@ def made(
         if "absent" not in own:
             fits.append(Fit(part, None, content))
     choices = {group_of(part): Choice("single", "") for part in parts}
-    return results_of(Fits(settings, looks, choices, {}, fits, (), ()))
+    return results_of(Fits(settings, looks, choices, {}, fits, (), (), ()))
 
 
 def test_a_contrast_is_the_paired_t_test() -> None:

@@ -134,6 +134,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
         "fit, such as tlead1:tlead2; repeat.",
     ),
     "keep_all": ("", "Count estimates that are not determined, or wrong, as well."),
+    "sensitivity": ("", "Also fit another band, remnant and lead-in, and each half: a table."),
     "per_run": ("", "Also fit each run separately."),
     "left_out": ("", "Leave-one-run-out cross-validation."),
     "exclude": ("subject=6,condition=C4", "Recordings to leave out; repeat."),

@@ -108,6 +108,7 @@ def analyse(
     contrasts: Sequence[str] = (),
     factors: str | None = None,
     keep_all: bool = False,
+    sensitivity: bool = False,
     per_run: bool = False,
     left_out: bool = False,
     exclude: Sequence[str] = (),
@@ -140,6 +141,9 @@ def analyse(
         Factors that conditions are combinations of, as text or CSV file, or fields of the pattern.
     keep_all
         Whether estimates that are not determined, or wrong, count in means and tests as well.
+    sensitivity
+        Whether each recording is fitted in other ways as well: another band, remnant and lead-in,
+        and each half alone.
     per_run, left_out
         Whether each run is fitted alone as well, and whether it is predicted by the others' fit.
     exclude
@@ -194,6 +198,7 @@ def analyse(
         pairs_of(_several(contrasts)),
         levels,
         keep_all,
+        sensitivity,
         excluded,
         codes_in(_several(ignore)),
         fix,

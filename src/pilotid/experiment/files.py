@@ -61,7 +61,8 @@ class Pattern:
     def __post_init__(self) -> None:
         names = FIELD.findall(self.text)
         wrong = [n for n in names if not re.fullmatch(r"[A-Za-z]\w{0,30}", n, re.ASCII)]
-        if not names or wrong or len(set(names)) < len(names) or set("{}") & set(self._rest):
+        rest = FIELD.sub("", self.text)
+        if not names or wrong or len(set(names)) < len(names) or set("{}") & set(rest):
             raise InputError(
                 f"--pattern '{self.text}': must have fields in braces, each with its own name of "
                 "letters; write for example 'subj{subject}_{condition}'"
@@ -71,15 +72,6 @@ class Pattern:
                 f"--pattern '{self.text}': {taken[0]} is a column of its own in the tables; give "
                 "that field another name"
             )
-
-    @property
-    def _rest(self) -> str:
-        return FIELD.sub("", self.text)
-
-    @property
-    def fields(self) -> tuple[str, ...]:
-        """Names of the fields, in order of appearance."""
-        return tuple(FIELD.findall(self.text))
 
     def match(self, path: Path) -> dict[str, str] | None:
         """The values of the fields in a file's name, None where it does not fit."""
@@ -179,35 +171,30 @@ def parts_of(files: Sequence[Path], pattern: Pattern | None) -> tuple[list[Part]
     """
     if pattern is None:
         return [Part((file,), ()) for file in dict.fromkeys(files)], []
-    refused: list[str] = []
-    unfit: list[Path] = []
-    grouped: dict[tuple[tuple[str, str], ...], list[tuple[str, Path]]] = {}
+    refused, unfit = list[str](), list[Path]()
+    grouped: dict[tuple[tuple[str, str], ...], dict[str, Path]] = {}
     for file in dict.fromkeys(files):
         found = pattern.match(file)
         if found is None:
             unfit.append(file)
             continue
         run = found.pop(RUN, "")
-        held = grouped.setdefault(tuple(found.items()), [])
-        if run in [other for other, _ in held]:
-            first = next(other for same, other in held if same == run)
+        first = grouped.setdefault(tuple(found.items()), {}).setdefault(run, file)
+        if first != file:
             refused.append(
                 f"{file}: has the same fields as {first}; what differs must be a field of the "
                 "pattern, {run} if they are runs of one recording"
             )
-            continue
-        held.append((run, file))
     if unfit:
         more = f", and {len(unfit) - 1} more files" if unfit[1:] else ""
         refused.append(
             f"{unfit[0]}{more}: the name does not fit the pattern '{pattern.text}'; change the "
             "pattern, or leave the file out"
         )
-    parts = []
-    for fields, entries in grouped.items():
-        order = in_order([run for run, _ in entries])
-        by_run = dict(entries)
-        parts.append(Part(tuple(by_run[run] for run in order), fields))
+    parts = [
+        Part(tuple(held[run] for run in in_order([*held])), fields)
+        for fields, held in grouped.items()
+    ]
     order = in_order([part.words for part in parts])
     return sorted(parts, key=lambda part: order.index(part.words)), refused
 
@@ -235,26 +222,21 @@ def excluded_of(parts: Sequence[Part], texts: Sequence[str]) -> tuple[list[Part]
     for text in texts:
         wanted = {}
         for pair in text.split(","):
-            name, equals, value = (piece.strip() for piece in pair.partition("="))
-            known = in_order([value for part in parts for f, value in part.fields if f == name])
-            if not (equals and known):
+            name, _, value = (piece.strip() for piece in pair.partition("="))
+            known = in_order([own for part in parts for f, own in part.fields if f == name])
+            if value not in known:
                 fields = ", ".join(dict.fromkeys(f for part in parts for f, _ in part.fields))
                 raise InputError(
                     f"--exclude {text}: '{pair}' must be FIELD=VALUE with a field of the pattern "
-                    f"({fields or 'there is none'})"
-                )
-            if value not in known:
-                raise InputError(
-                    f"--exclude {text}: no file has {name} {value}; there are {', '.join(known)}"
+                    f"({', '.join(known) or fields or 'there is none'}) and a value that a file has"
                 )
             wanted[name] = value
         out = [part for part in left if wanted.items() <= dict(part.fields).items()]
-        if not out:
-            raise InputError(f"--exclude {text}: no recording has all of these; nothing to exclude")
+        if not out or len(out) == len(left):
+            what = "excludes all that is left" if out else "excludes nothing"
+            raise InputError(f"--exclude {text}: {what}; name other recordings")
         left = [part for part in left if part not in out]
         excluded += out
-    if not left:
-        raise InputError("--exclude: nothing is left to analyse; exclude less")
     return left, excluded
 
 

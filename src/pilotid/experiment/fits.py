@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 from pilotid.element.fit import chosen_element
 from pilotid.estimates.applicability import lines_objection
@@ -39,10 +39,12 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import copies_among, fingerprints
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.windows import span_of
 from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.store import Rows
 from pilotid.support.terminal import with_bar
 from pilotid.support.types import InputError, one_line
+from pilotid.time_domain.remnant_models import LowPass
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -76,6 +78,8 @@ class Settings:
         Level of each factor (columns) by condition; None for no factors.
     keep_all
         Whether estimates that are not determined, or wrong, count as well.
+    sensitivity
+        Whether each recording is fitted in other ways as well, see `variants`.
     excluded
         Recordings that the user leaves out.
     ignored
@@ -96,6 +100,7 @@ class Settings:
     pairs: Sequence[tuple[str, str]] = ()
     factors: DataFrame | None = None
     keep_all: bool = False
+    sensitivity: bool = False
     excluded: Sequence[Part] = ()
     ignored: frozenset[str] = frozenset()
     fix: str | None = None
@@ -148,8 +153,8 @@ class Fits:
     compared
         By stratum and conditions, the models in which these are compared, by condition, and whether
         they suit all; empty where all models were named.
-    fits, left_out
-        All fits, and runs predicted by the fits of the others.
+    fits, left_out, varied
+        All fits, runs predicted by the fits of the others, and fits in other ways by their names.
     refused
         A sentence for each file that was left out.
     """
@@ -160,6 +165,7 @@ class Fits:
     compared: Mapping[tuple[Group, Group], tuple[Mapping[str, str], bool]]
     fits: Sequence[Fit]
     left_out: Sequence[Fit]
+    varied: Sequence[tuple[str, Fit]]
     refused: Sequence[str]
 
     @property
@@ -177,6 +183,30 @@ def group_of(part: Part) -> Group:
     """The recordings that a recording is judged with: those of other subjects, else none."""
     alone = () if part.field(SUBJECT) else (part.name,)
     return (*part.stratum, part.field(CONDITION), *alone)
+
+
+def variants(
+    settings: Settings, look: Content
+) -> list[tuple[str, tuple[Reading, dict[str, Method]]]]:
+    """Other ways to fit a recording: how files are read, and by which methods, by name."""
+    if not settings.sensitivity:
+        return []
+    reading, methods = settings.reading, dict(settings.methods)
+    span = span_of(reading.span) if reading.span else (0.0, look["recording"]["duration"])
+    ends = [f"{time:.6g}" for time in (span[0], 0.5 * (span[0] + span[1]), span[1])]
+
+    def other(**changes: object) -> dict[str, Method]:
+        """The methods that have these settings, with other values."""
+        able = {k: m for k, m in methods.items() if changes.keys() <= vars(m).keys()}
+        return {k: replace(m, **changes) for k, m in able.items()}  # type: ignore[type-var]
+
+    return [
+        ("band 26 rad/s", (reading, other(band=26.0))),
+        ("remnant low-pass", (reading, other(noise=LowPass(2)))),
+        ("lead-in 3 s longer", (replace(reading, lead_in=reading.lead_in + 3.0), methods)),
+        ("first half", (replace(reading, span=":".join(ends[:2])), methods)),
+        ("second half", (replace(reading, span=":".join(ends[1:])), methods)),
+    ]
 
 
 # ----------------------------------------------------------------------------------- tasks
@@ -213,21 +243,17 @@ class Task:
     run: int | None = None
 
 
-class Answer(NamedTuple):
-    """What a task gave, or why there is nothing."""
-
-    task: Task
-    content: Content | None
-    why: str = ""
+#: A task, and what it gave or why there is nothing.
+Answer = tuple[Task, Content | None, str]
 
 
 def perform(task: Task) -> Answer:
     """Do a task; whatever goes wrong is an answer."""
     try:
         content = {"look": _look, "fit": _fit, "left-out": _leave_out}[task.what](task)
-        return Answer(task, json.loads(json.dumps(content)))
+        return task, json.loads(json.dumps(content)), ""
     except InputError as error:
-        return Answer(task, None, str(error))
+        return task, None, str(error)
     except MemoryError as error:
         return _lost(task, f"{Outcome.OUT_OF_MEMORY.value} {one_line(str(error))}".strip())
     except Exception as error:
@@ -240,7 +266,7 @@ def given_up(task: Task, loss: Loss, why: str) -> Answer:
 
 
 def _lost(task: Task, why: str) -> Answer:
-    return Answer(task, None, f"{task.part.name}: {why}" if task.what == "look" else why)
+    return task, None, f"{task.part.name}: {why}" if task.what == "look" else why
 
 
 def _look(task: Task) -> Content:
@@ -379,14 +405,20 @@ class _Work:
     digests: dict[Part, str] = field(default_factory=dict)
 
     def task(
-        self, what: What, part: Part, content: tuple[object, ...], run: int | None = None
+        self,
+        what: What,
+        part: Part,
+        content: tuple[object, ...],
+        run: int | None = None,
+        reading: Reading | None = None,
     ) -> Task:
-        """A task with its key."""
+        """A task with its key; files are read as the user says, or otherwise."""
         seed = self.settings.seed
-        told = (what, run, plain(content), code_digest(content), seed)
+        told = (what, run, plain(content), code_digest(content), seed, reading)
         text = repr((self.digests[part], *told)).encode("utf-8", "replace")
         key = hashlib.sha256(text).hexdigest()
-        return Task(key, what, part, self.settings.reading, packed(content), seed, run)
+        how = reading or self.settings.reading
+        return Task(key, what, part, how, packed(content), seed, run)
 
     def contents(self, tasks: Iterable[Task], what: str) -> dict[str, Content]:
         """The contents of tasks by their keys; looks at recordings that failed are missing."""
@@ -463,8 +495,8 @@ def fit_recordings(
         held = {group: [candidates_of(looks[p]) for p in own] for group, own in groups.items()}
         choices = {group: choose_model(own) for group, own in held.items()}
         compared = _compared(groups, held, settings) if settings.auto else {}
-        found = Fits(settings, looks, choices, compared, (), (), ())
-        fits, left = [], []
+        found = Fits(settings, looks, choices, compared, (), (), (), ())
+        fits, left, varied = list[Task](), list[Task](), list[tuple[str, Task]]()
         for part, look in looks.items():
             count = int(look["recording"]["runs"])
             runs = range(1, count + 1) if count > 1 else ()
@@ -481,12 +513,16 @@ def fit_recordings(
                     fits += [work.task("fit", part, fitted, run) for run in runs]
                 if settings.left_out and name in own:
                     left += [work.task("left-out", part, (*fitted[:2], None), run) for run in runs]
-        told = work.contents(fits, "fitting")
+                for word, (reading, other) in variants(settings, look) if name in own else ():
+                    fitted = (settings.known[name], other, element)
+                    varied.append((word, work.task("fit", part, fitted, None, reading)))
+        told = work.contents([*fits, *(task for _, task in varied)], "fitting")
         predicted = work.contents(left, "leaving runs out")
         return replace(
             found,
             fits=[Fit(task.part, task.run, told[task.key]) for task in fits],
             left_out=[Fit(task.part, task.run, predicted[task.key]) for task in left],
+            varied=[(word, Fit(task.part, None, told[task.key])) for word, task in varied],
             refused=list(work.refused),
         )
 

@@ -397,6 +397,12 @@ def write_report(path: Path, results: Results, command: str, versions: str) -> N
     if len(results.factors):
         main.append(effect_table(results, brief=True))
         supplement.insert(0, effect_table(results))
+    if fits.varied:
+        found = results.sensitivity
+        keys = [*results.strata, CONDITION, "otherwise", "method"]
+        shifts: Columns = {name: (name, "{:.1f}".format) for name in found if name not in keys}
+        caption = "Shifts of estimates in claimed errors, means over subjects, by other ways to fit"
+        supplement.insert(0, frame_table(found, caption, shifts, keys, 0))
     if len(results.left_out):
         main.append(left_out_table(results))
     write_page(

@@ -141,6 +141,27 @@ class Results:
         return DataFrame(rows, columns=["file", *self.fits.fields, *MODEL_COLUMNS])
 
     @property
+    def sensitivity(self) -> DataFrame:
+        """Mean shifts of parameters that count, in claimed errors, by other ways to fit."""
+        from pandas import DataFrame
+
+        known = self.shown[self.shown[LEFT_OUT] == ""]
+        base = known.set_index(["file", "model", "method", "parameter"])[["value", "std_error"]]
+        rows = []
+        for word, fit in self.fits.varied:
+            head = (*fit.part.stratum, fit.part.field(CONDITION), word)
+            for e in fit.content["estimates"]:
+                for key, _, value, *_, why in e["parameters"] if e["usable"] else ():
+                    place = (fit.part.name, fit.content["model"], e["method"], key)
+                    if place in base.index and not why:
+                        own = base.loc[place]
+                        shift = (value - own["value"]) / own["std_error"]
+                        rows.append((*head, e["method"], key, shift))
+        keys = [*self.strata, CONDITION, "otherwise", "method"]
+        frame = DataFrame(rows, columns=[*keys, "parameter", "shift"])
+        return frame.pivot_table("shift", keys, "parameter", sort=False).reset_index()
+
+    @property
     def left_out(self) -> DataFrame:
         """Rows of left_out.csv: each run that was predicted by the fit of the others."""
         from pandas import DataFrame
