@@ -122,14 +122,15 @@ class HalfCauchy:
 Replacements = Sequence[tuple[str, Prior]]
 
 
-def default_prior(parameter: Parameter) -> Prior:
-    """The prior of a pilot parameter: what is known of it before the recording."""
+def default_prior(parameter: Parameter, times: float = 1.0) -> Prior:
+    """The prior of a pilot parameter, what is known of it before the recording, so much wider."""
     low, high = parameter.usual
+    spread = 0.5 * times / FOUR_FIFTHS
     if parameter.linear and parameter.positive:
-        return HalfCauchy(high)
+        return HalfCauchy(times * high)
     if parameter.positive:
-        return LogNormal(math.sqrt(low * high), 0.5 * math.log(high / low) / FOUR_FIFTHS)
-    return Normal(0.5 * (low + high), 0.5 * (high - low) / FOUR_FIFTHS)
+        return LogNormal(math.sqrt(low * high), spread * math.log(high / low))
+    return Normal(0.5 * (low + high), spread * (high - low))
 
 
 #: Four fifths of the remnants' break frequencies lie in 1 to 30 rad/s, of the dampings in
@@ -142,7 +143,7 @@ REMNANT: dict[str, Prior] = {
 
 
 def priors_of(
-    model: PilotModel, noise: NoiseModel, replaced: Replacements = ()
+    model: PilotModel, noise: NoiseModel, replaced: Replacements = (), times: float = 1.0
 ) -> tuple[Prior, ...]:
     """The priors of a model's parameters and, after them, of the remnant's where they are sampled.
 
@@ -155,6 +156,8 @@ def priors_of(
         `pilotid.posterior.likelihood`.
     replaced
         Priors in the place of the defaults.
+    times
+        How much wider those of the pilot are than the defaults.
 
     Raises
     ------
@@ -168,7 +171,7 @@ def priors_of(
             f"a prior is given for {', '.join(unknown)}, which model {model.name} lacks: "
             f"choose from {', '.join((*model.keys, *REMNANT))}"
         )
-    pilot = [given.get(p.key) or default_prior(p) for p in model.parameters]
+    pilot = [given.get(p.key) or default_prior(p, times) for p in model.parameters]
     keys = () if noise.regressive else noise.keys
     return (*pilot, *(given.get(key) or REMNANT[key] for key in keys))
 
