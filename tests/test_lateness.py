@@ -35,6 +35,18 @@ def codes(recording: Recording) -> set[str]:
     return {remark.code for remark in remarks(recording)}
 
 
+def test_noise_that_is_in_u_and_not_in_x_makes_no_other_element() -> None:
+    rng = np.random.default_rng([2, 4])
+    scenario = POPULATIONS["population-usual"].drawn(rng)
+    recording = simulate(scenario, rng)
+    u = recording.u + 0.6 * np.std(recording.u) * rng.standard_normal(recording.u.shape)
+    recording = replace(recording, u=u, controlled_element=scenario.element.name)
+    assert not {r.code for r in recording_remarks(recording)} & {
+        "output-unrelated",
+        "element-differs",
+    }
+
+
 @pytest.mark.parametrize("signal", ["x", "ft", "e"])
 def test_the_cure_of_a_signal_that_is_late_against_the_error_mends_it(signal: str) -> None:
     late = FAULTS[f"{signal} late a sample"](simulate(SCENARIOS["nominal"], _rng(3)), _rng(0))

@@ -207,6 +207,12 @@ def fit(
     from pilotid.report.fit import html_report, print_fit
 
     entries = [f.to_dict() for f in fits]
+    if json:
+        from pilotid.datasets.named import fitted_scenario, model_place
+
+        for entry, found in zip(entries, fits, strict=True):
+            if scenario := fitted_scenario(found, model_place(model)):
+                entry["scenario"] = scenario
     printed = options.write_json(json, entries[0] if len(entries) == 1 else entries)
     if plot and report is None:
         report = Path(tempfile.mkdtemp(prefix="pilotid-")) / "report.html"

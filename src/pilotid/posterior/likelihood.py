@@ -32,9 +32,8 @@ from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import LogTransform
 from pilotid.support.types import BoolArray, FloatArray, InputError
 from pilotid.time_domain.band_likelihood import BandTerms, most_likely_regression
-from pilotid.time_domain.likelihood import PredictionErrors
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.optimum import Optimum
-from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prepare import shifted_products
 from pilotid.time_domain.remnant_models import NoiseModel
 
@@ -177,7 +176,7 @@ def priors_of(
 BLOCK = 16  # parameter sets evaluated at once: about what the processor's cache holds
 
 
-class Likelihood:
+class Marginal:
     """Log-likelihood by pilot parameters and those of the remnant that stay.
 
     Parameters
@@ -190,7 +189,7 @@ class Likelihood:
         same seconds, which integrating over its parameters does not tell.
     """
 
-    def __init__(self, joint: PredictionErrors, widened: float = 1.0) -> None:
+    def __init__(self, joint: Likelihood, widened: float = 1.0) -> None:
         self.joint, self.widened = joint, widened
         self._terms = joint.prediction.band_terms
         #: Number of the remnant's parameters that are integrated out.
@@ -233,7 +232,7 @@ class Likelihood:
             closed = np.zeros(len(values))
             if self._terms is not None:
                 loop = self.joint.prediction.loop
-                spectra = residual_spectra(loop, values[:, : self.joint.pilot])
+                spectra = loop.residual_spectra(values[:, : self.joint.pilot])
                 closed = 2.0 * self._terms.of_loop(spectra[:, 0])
             if not self.integrated:
                 deviance = samples * np.log(self.sums_of_squares(values))
@@ -261,7 +260,7 @@ class Likelihood:
         taps, prediction = self._taps(values), self.joint.prediction
         sums = np.empty(len(values))
         for block in _blocks(len(values)):
-            spectra = residual_spectra(prediction, values[block, : self.joint.pilot])
+            spectra = prediction.residual_spectra(values[block, : self.joint.pilot])
             if taps.shape[1] > 1:
                 spectra *= prediction.filter_response(taps[block])[:, None, :]
             errors = prediction.without_nuisance(prediction.samples_of(spectra))
@@ -325,7 +324,7 @@ class Likelihood:
         them at other lags is then small beside the residual, whatever the offset was.
         """
         prediction, order = self.joint.prediction, len(self.joint.noise.keys)
-        spectra = residual_spectra(prediction, values[:, : self.joint.pilot])
+        spectra = prediction.residual_spectra(values[:, : self.joint.pilot])
         signal = np.fft.irfft(spectra, n=prediction.length)
         signal = signal[..., prediction.first - order : prediction.first + prediction.scored]
         if not prediction.terms:
@@ -373,7 +372,7 @@ class Posterior:
         One for each of its parameters; the bounds truncate them.
     """
 
-    def __init__(self, likelihood: Likelihood, priors: tuple[Prior, ...]) -> None:
+    def __init__(self, likelihood: Marginal, priors: tuple[Prior, ...]) -> None:
         self.likelihood, self.priors = likelihood, priors
         self._scale = LogTransform(likelihood.positive)
         self._lower, self._upper = likelihood.lower, likelihood.upper
