@@ -122,7 +122,8 @@ def _opened(path: Path, source: str) -> Iterator[Variables]:
     except Exception as error:  # what is damaged, or too large, fails in any way whatsoever
         suffix = path.suffix.lower()
         kind, command = ("MATLAB", "save -v7") if suffix == ".mat" else (suffix, "numpy.savez")
-        what = shown(f"{type(error).__name__}: {error}")[1:-1]
+        name = "out of memory" if isinstance(error, MemoryError) else type(error).__name__
+        what = shown(f"{name}: {error}")[1:-1]
         raise InputError(
             f"{source}: is no {kind} file, damaged, cut short or too large ({what}); save t, e, u, "
             f"x again with {command}"
