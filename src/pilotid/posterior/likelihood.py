@@ -225,7 +225,7 @@ class Marginal:
         values
             Parameter sets inside the bounds, shape (sets, parameters).
         """
-        terms, freedom, further = self._terms, self.joint.residuals, 0.0
+        terms, freedom, further = self._terms, self.joint.residuals, np.zeros(len(values))
         # What overflows is no number, which is no likelihood either.
         with np.errstate(all="ignore"):
             if self.integrated:
