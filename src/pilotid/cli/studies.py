@@ -218,8 +218,8 @@ def compare_people(
     out: Path,
 ) -> None:
     """Compare methods on published recordings, by the runs that they predict."""
-    from pilotid.analysis.experiment import analyse
-    from pilotid.analysis.report_tables import left_out_table
+    from pilotid.experiment.experiment import analyse
+    from pilotid.experiment.report import left_out_table
 
     methods = options.methods_of(method, USUAL)
     folder = fetch(name)
@@ -241,6 +241,6 @@ def compare_people(
             force=force,
         )
     report = found.write(f"pilotid compare --people {name}")
-    left_out = left_out_table(found.results.analysis.left_out)
+    left_out = left_out_table(found.results)
     show(make_console(), left_out, f"report: {report}")
     options.raise_refused(found.refused)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from pilotid.pilot.element import ControlledElement
 from pilotid.recordings.recording import Recording, remembered
+from pilotid.support.limits import ELEMENT
 from pilotid.support.types import ComplexArray, FloatArray, IntArray
 
 LONG = 9  # decimals, or zeros, that are written out
@@ -138,6 +139,7 @@ FORMS = (
 #: Relative error below which two responses count as one: nobody misses it, and few recordings
 #: are better than that, as signals are held, integrated and stored.
 UNNOTICED = 5e-3
+NOISY = 0.05  # share of x in a band that nothing explains, from which v or x is noisy there
 BANDS = 8  # of frequency, each with a level of noise of its own
 FEWEST = 10.0  # independent observations from which a level of noise is told
 ITERATIONS = 25
@@ -201,12 +203,15 @@ class Spectra:
     given
         Of v(t - delay) and its derivative, by powers of the delay, but for the factor
         e^{-s delay}; shape (2, `TAYLOR` + 1, n).
+    doubtful
+        Share by which the response may be off in each fine band, however long the recording is.
     """
 
     gain: float
     omega: FloatArray
     output: ComplexArray
     given: ComplexArray
+    doubtful: FloatArray | float = 0.0
 
     def delayed(self, count: int, delay: float) -> ComplexArray:
         """Of the first derivatives of v(t - delay), from the zeroth on, shape (count, n)."""
@@ -266,7 +271,8 @@ class Spectra:
 
     def level(self, residual: ComplexArray, exact: FloatArray | float = 1.0) -> FloatArray:
         """Variance of the noise at each observation, with so often what counts as exact."""
-        floor = (UNNOTICED**2 * exact * self.size)[self.fine]
+        share = UNNOTICED**2 * exact + np.square(self.doubtful) * self.count
+        floor = (share * self.size)[self.fine]
         return np.asarray(power(residual, self.wide)[self.wide] + floor)
 
     def cost(self, level: FloatArray) -> float:
@@ -459,11 +465,19 @@ def spectra_of(
 
 
 def forms_fitted(spectra: Spectra, dt: float, later: tuple[float, ...] = ()) -> list[FormFit]:
-    """Forms from the simplest on, up to where one describes the recording."""
+    """Forms from the simplest on, up to where one describes the recording.
+
+    Noise in v, such as fast remnant that sampling folds down, makes the response smaller by the
+    share of x that nothing explains.
+    """
     fits = _pass(spectra, dt, FORMS)
     if not fits:
         return []
     best = simplest(fits)
+    doubtful = np.where(best.unexplained > NOISY, best.unexplained, 0.0)
+    noisy = doubtful.any() and best.explained >= ELEMENT.sound
+    if noisy and not np.any(spectra.doubtful):
+        return forms_fitted(replace(spectra, doubtful=doubtful), dt, later)
     plain = [form for form in FORMS if not form.zero and _size(form) <= 3]
     for delay in later:
         fits += _pass(spectra, dt, plain, delay)

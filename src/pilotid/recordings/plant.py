@@ -39,6 +39,8 @@ class Plant:
         x over u + fd (or over fd - u, if `opposed`), complex, shape (bands,).
     coherence
         Squared coherence, shape (bands,).
+    size
+        Root mean square of x, in any unit, shape (bands,).
     polarity
         Cosine of the angle to what the slope says: 1 positive, -1 negative; 0 if untold.
     opposed
@@ -48,13 +50,17 @@ class Plant:
     omega: FloatArray
     response: ComplexArray
     coherence: FloatArray
+    size: FloatArray
     polarity: float = 0.0
     opposed: bool = False
 
     @property
     def mean_coherence(self) -> float:
-        """Mean of the squared coherence."""
-        return float(np.mean(self.coherence))
+        """Mean of the squared coherence, by weights of the root of x's size.
+
+        Fast remnant that sampling folds down is in u and not in x; it counts where x is small.
+        """
+        return float(np.average(self.coherence, weights=np.sqrt(self.size)))
 
 
 class AtTarget(NamedTuple):
@@ -173,7 +179,8 @@ def _answer(output: ComplexArray, drive: ComplexArray, duration: float) -> Plant
     )
     if not (np.all(power.real > 0.0) and np.all(own.real > 0.0)):
         return None
-    return Plant(omega, cross / power.real, np.abs(cross) ** 2 / (power.real * own.real))
+    coherence = np.abs(cross) ** 2 / (power.real * own.real)
+    return Plant(omega, cross / power.real, coherence, np.sqrt(own.real))
 
 
 def _spectrum(recording: Recording, signal: FloatArray, part: slice = slice(None)) -> ComplexArray:
@@ -300,7 +307,7 @@ def late(recording: Recording) -> Remark | None:
     if times[best] <= ELEMENT.late or gain < ELEMENT.smoother:
         return None
     return Remark(
-        "late-control",
+        "late-signal",
         f"u is recorded {times[best]:.2g} s after x has answered to it: the two are shifted in "
         "time; bring them together",
     )

@@ -76,8 +76,8 @@ class ElementLimits(NamedTuple):
     coherent: float = 0.8  # squared coherence from which a band tells of the element
     negative: float = -0.3  # polarity below which an element turns the control round (least .1)
     clearly: float = 0.05  # by which coherence must be larger for a sign to be the other one
-    unrelated: float = 0.9  # mean coherence below which x is not the answer to u (least .93)
-    unrelated_without_fd: float = 0.25  # where a disturbance may not be recorded (least .46)
+    unrelated: float = 0.91  # mean coherence below which x is not the answer to u (least .93)
+    unrelated_without_fd: float = 0.3  # where a disturbance may not be recorded (least .43)
     changed: float = 0.35  # relative difference between the halves (.16; rate to acceleration 1.1)
     flat: float = 0.15  # relative, by which the response of an element that is a gain differs
     stands_out: float = 3.0  # times the noise from which a line tells the element's angle

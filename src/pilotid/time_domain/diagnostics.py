@@ -259,7 +259,7 @@ def fit_remarks(
         _not_closed(found, recording) if asked_for_band else None,
         _dispersed(found.dispersion),
         _held(recording),
-        _changed(rows, found.joint) or _varying(found, rows),
+        _changed(found, rows) or _varying(found, rows),
         uneven(rows[-1]),
         _drifting(found),
         coloured(rows[-1], found.joint.prediction.band_terms),
@@ -377,19 +377,24 @@ def _varying(found: Optimum, rows: FloatArray) -> Remark | None:
     )
 
 
-def _changed(rows: FloatArray, joint: Likelihood) -> Remark | None:
-    pilot = joint.pilot
-    statistic, freedom = score_of_halves(rows, pilot)
+def _changed(found: Optimum, rows: FloatArray) -> Remark | None:
+    pilot, model = found.pilot, found.joint.prediction.model
+    statistic, freedom, steps = score_of_halves(rows, pilot.size)
     if not freedom or statistic <= chi_squared_limit(freedom, ESTIMATE.seldom):
         return None
+    # The control is proportional to the gains: with their slopes it is all that is predicted.
+    gains = np.where(np.isin(np.arange(pilot.size), model.linear), pilot, 0.0)
+    change, control = np.tensordot([steps, gains], rows[: pilot.size], 1)
+    share = float(np.linalg.norm(change) / np.linalg.norm(control))
     remedy = "fit each half (--span), or --model adapting"
-    if joint.prediction.model.changes:
+    if model.changes:
         remedy = "the pilot changes in another way than the model says"
     return Remark(
         "halves-differ",
-        f"the two halves of the recording differ (score test, chi-square {statistic:.0f} on "
-        f"{freedom} df): the pilot or the recorder changed, and the estimates are averages; "
-        f"{remedy}",
+        f"the two halves of the recording differ by about {100.0 * share:.0f} % of the control "
+        f"(score test, chi-square {statistic:.0f} on {freedom} df): the pilot or the recorder "
+        f"changed, and the estimates are averages; {remedy}",
+        "note" if share < ESTIMATE.changes_by else "doubt",
     )
 
 
@@ -497,7 +502,7 @@ def portmanteau_in_band(errors: FloatArray, weights: FloatArray, lags: int) -> t
     return float(np.sum(along**2 / size[kept])), int(np.count_nonzero(kept))
 
 
-def score_of_halves(rows: FloatArray, pilot: int) -> tuple[float, int]:
+def score_of_halves(rows: FloatArray, pilot: int) -> tuple[float, int, FloatArray]:
     """Whether the first half of a recording asks for other pilot parameters than the whole.
 
     The score of the whole is zero at the optimum.  That of a half has the covariance
@@ -515,13 +520,14 @@ def score_of_halves(rows: FloatArray, pilot: int) -> tuple[float, int]:
 
     Returns
     -------
-    The statistic and its degrees of freedom; 0, 0 where the information is singular.
+    The statistic and its degrees of freedom, 0 and 0 where the information is singular; and by
+    how much each parameter is larger in the first half, to first order, shape (pilot,).
     """
     jacobian, errors = rows[:-1], rows[-1]
     half = errors.shape[1] // 2
     size = np.sqrt(np.sum(jacobian**2, axis=(1, 2)))
     if not np.all(size > 0.0):
-        return 0.0, 0
+        return 0.0, 0, np.zeros(pilot)
     jacobian = jacobian / size[:, None, None]
     variance = float(np.sum(errors**2)) / (errors.size - len(jacobian))
     early, flat = jacobian[..., :half].reshape(len(size), -1), jacobian.reshape(len(size), -1)
@@ -530,14 +536,16 @@ def score_of_halves(rows: FloatArray, pilot: int) -> tuple[float, int]:
     first, whole = early @ early.T, flat @ flat.T
     inverse = covariance_of(whole, 1.0)
     if inverse is None:
-        return 0.0, 0
+        return 0.0, 0, np.zeros(pilot)
     # In units of what the whole tells; what one half tells alone, the other cannot speak against.
     root = np.linalg.cholesky(inverse[:pilot, :pilot])
     covariance = root.T @ (first - first @ inverse @ first)[:pilot, :pilot] @ root
     sizes, directions = np.linalg.eigh(0.5 * (covariance + covariance.T))
     told = sizes > ESTIMATE.shared_by_halves
     along = directions[:, told].T @ root.T @ score[:pilot]
-    return float(np.sum(along**2 / sizes[told])) / variance, int(np.count_nonzero(told))
+    statistic = float(np.sum(along**2 / sizes[told])) / variance
+    steps = root @ directions[:, told] @ (along / sizes[told]) / size[:pilot]
+    return statistic, along.size, np.asarray(steps)
 
 
 def ratio_of_halves(errors: FloatArray) -> tuple[float, float]:

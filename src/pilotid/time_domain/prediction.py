@@ -326,7 +326,19 @@ class Prediction:
         return self.samples_of(spectrum)
 
     def errors(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
-        """As `residual`, with nuisance terms projected out."""
+        """As `residual`, with nuisance terms projected out.
+
+        Parameters
+        ----------
+        values
+            Parameters, shape (parameters,).
+        taps
+            Whitening filter, shape (taps,).
+
+        Returns
+        -------
+        Array of shape (runs, scored).
+        """
         return self.without_nuisance(self.residual(values, taps))
 
     def residual_spectra(self, values: FloatArray) -> ComplexArray:
