@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pandas import DataFrame
+from pandas import DataFrame, concat
 from scipy.stats import ttest_rel, wilcoxon
 from statsmodels.stats.anova import AnovaRM
 from statsmodels.stats.multitest import multipletests
@@ -78,7 +78,7 @@ def made(
         row = [key, "s", value, 0.1, value - 0.2, value + 0.2, "why" not in own, own.get("why", "")]
         estimate = {
             "method": "mle", "outcome": "converged", "usable": True, "vaf": 90.0, "remarks": [],
-            "agrees": True, "parameters": [row], "loops": [], "loop_remarks": [], **own,
+            "parameters": [row], "loops": [], "loop_remarks": [], **own,
         }  # fmt: skip
         content = {"model": "single", "element": "", "estimates": [estimate], "responses": []}
         if "absent" not in own:
@@ -122,7 +122,6 @@ def test_pairs_are_all_or_those_that_differ_in_one_factor_or_those_named() -> No
         ({"why": "at its bound"}, "tlead at its bound"),
         ({"why": "not determined"}, "tlead not determined"),
         ({"usable": False, "outcome": "died"}, "tlead died"),
-        ({"agrees": False}, "tlead misspecified"),
         ({"remarks": [("little-explained", "a", "wrong")]}, "tlead little-explained"),
         ({"loop_remarks": [("unstable-loop", "a", "wrong")]}, "tlead unstable-loop"),
         ({"recording": [("lost-samples", "a", "wrong")]}, "tlead lost-samples"),
@@ -305,6 +304,8 @@ def test_figures_hold_what_counts() -> None:
         line.get_xdata().size for line in drawn.axes[0].get_lines() if line.get_marker() == "o"
     ]
     assert sum(points) == 14
+    more = own[own["subject"] != "1"].assign(parameter="tlag")
+    assert estimates_figure(concat([own, more])) is not None
     assert estimates_figure(own[own["left_out"] != ""]) is None
     rows = [
         (f"var_e{part}", c, s, "deg^2", scale * (1.0 + 0.1 * s), "")

@@ -65,6 +65,8 @@ def _panel(axes: Axes, own: DataFrame, conditions: list[str], subjects: list[str
     place = own[CONDITION].map(conditions.index)
     for count, (subject, offset) in enumerate(zip(subjects, offsets, strict=True)):
         here = own[SUBJECT] == subject
+        if not here.any():
+            continue
         x, y = place[here] + offset, own.loc[here, "value"]
         reach = np.abs(own.loc[here, ["lower_95", "upper_95"]].sub(y, axis=0).fillna(0.0)).T
         colour = COLOURS[count % len(COLOURS)]

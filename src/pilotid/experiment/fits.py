@@ -299,7 +299,6 @@ def content_of(fitted: Fitted) -> Content:
                 "usable": e.outcome.usable,
                 "vaf": e.vaf,
                 "remarks": _graded(e.remarks),
-                "agrees": e.specification is None or e.specification.agrees,
                 "parameters": _parameters(e),
                 "loops": _loops(own) if own else [],
                 "loop_remarks": _graded([*own.remarks, *own.notes]) if own else [],

@@ -1,8 +1,8 @@
 """Tidy frames of an experiment, and what follows from them: contrasts, effects of factors, power.
 
 What is not determined does not count: an estimate at a bound, one whose interval spans more than a
-factor of ten, one of a fit that failed, that is graded wrong or that the lines of the forcing
-functions contradict, and all of a recording that is graded wrong.  `LEFT_OUT` says why.
+factor of ten, one of a fit that failed or is graded wrong, as where the lines of the forcing
+functions contradict it, and all of a recording that is graded wrong.  `LEFT_OUT` says why.
 """
 
 from __future__ import annotations
@@ -250,8 +250,6 @@ def _rows(fits: Fits, what: str) -> Iterator[list[object]]:
         for e in fit.content["estimates"]:
             remarks = [*remarks_of(e[told], ignored)]
             wrong = recording or _wrong(fits, [*e["remarks"], *e["loop_remarks"]])
-            if not e["agrees"] and "misspecified" not in ignored:
-                wrong = wrong or "misspecified"
             for key, unit, *numbers, determined, why in e[what]:
                 out = "" if keep_all else wrong or why
                 if not e["usable"]:
@@ -387,21 +385,16 @@ def _corrected(frame: DataFrame, fits: Fits, strata: Sequence[str]) -> DataFrame
     from scipy.special import stdtrit
 
     quantity = [*strata, "method", "parameter", *([] if fits.settings.auto else ["model_a"])]
+    ends = frame[[*strata, *CONTRAST_COLUMNS[:6], "mean_a", "mean_b"]].round(9)
+    loops = ends["parameter"].str.replace("^(target|disturbance)_", "", regex=True)
+    frame = frame[~ends.assign(parameter=loops).duplicated()]
     order = frame.groupby(quantity, sort=False).ngroup()
-    frame = frame.iloc[np.argsort(order, kind="stable")]
-    frame = frame.assign(p_holm=frame.groupby(quantity, sort=False)["p"].transform(holm))
-    ratio = (frame["p"] / frame["p_holm"]).astype(float)
-    reach = stdtrit(frame["freedom"].astype(float), 1.0 - 0.5 * LEVEL * ratio) * frame["std_error"]
+    frame = frame.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
+    p_holm = frame.groupby(quantity, sort=False)["p"].transform(holm)
+    level = 1.0 - 0.5 * LEVEL * (frame["p"] / p_holm).astype(float)
+    reach = stdtrit(frame["freedom"].astype(float), level) * frame["std_error"]
     low, high = frame["difference"] - reach, frame["difference"] + reach
-    frame = frame.assign(lower_holm_95=low, upper_holm_95=high)
-    same = frame.assign(parameter=frame["parameter"].str.removeprefix("disturbance_"))
-    target = frame.assign(parameter=frame["parameter"].str.removeprefix("target_"))
-    ends = [*strata, *CONTRAST_COLUMNS[:6], "mean_a", "mean_b"]
-    once = same[ends].round(9).merge(target[ends].round(9), how="left", indicator=True)["_merge"]
-    repeated = (
-        frame["parameter"].str.startswith("disturbance_").to_numpy() & (once == "both").to_numpy()
-    )
-    return frame[~repeated].reset_index(drop=True)
+    return frame.assign(p_holm=p_holm, lower_holm_95=low, upper_holm_95=high)
 
 
 def planned(results: Results) -> DataFrame:
