@@ -91,6 +91,8 @@ class Bayes(LikelihoodSettings):
     sampler
         ``importance``, ``emcee``, or ``auto``: importance sampling, which takes a fraction of
         a second, and emcee where that fails.
+    prior
+        How much wider the priors of the pilot's parameters are than the default ones.
     priors
         Pairs of a parameter's key and a prior in the place of the default one: any frozen
         distribution of scipy.stats, truncated at the model's bounds.
@@ -106,6 +108,7 @@ class Bayes(LikelihoodSettings):
 
     likelihood: Literal["remnant", "white"] = "remnant"
     sampler: Sampler = "auto"
+    prior: float = 1.0
     priors: tuple[tuple[str, Prior], ...] = ()
     intervals: Literal["equal-tailed", "highest-density"] = "equal-tailed"
     draws: int = 4000
@@ -161,7 +164,7 @@ class Bayes(LikelihoodSettings):
         found = maximise_likelihood(recording, model, rng, settings)
         joint = found.joint
         likelihood = Marginal(joint, 1.0 if white else found.variance_factor)
-        posterior = Posterior(likelihood, priors_of(model, joint.noise, self.priors))
+        posterior = Posterior(likelihood, priors_of(model, joint.noise, self.priors, self.prior))
         sampled = self._sampled(posterior, posterior.approximation(found), rng, watch)
         draws = sampled.draws
         if draws is None:

@@ -116,14 +116,21 @@ def test_standard_errors_stand_in_for_intervals_and_without_both_there_is_no_los
     assert verdict(without(*range(5))).grade == "unscored"
 
 
-def test_a_recording_that_a_method_objects_to_is_no_try() -> None:
+def test_an_objection_to_all_recordings_is_no_try_and_to_some_a_failure() -> None:
     fits = fits_of(normal(20))
     refused = [failed(fit, "not-applicable") for fit in fits]
     assert verdict(comparison(refused)).grade == "not applicable"
     mixed = overall(comparison([*fits[:15], *refused[15:]]))
-    alone = overall(comparison(fits[:15]))
-    assert mixed[[*LOSS]].tolist() == pytest.approx(alone[[*LOSS]].tolist())
-    assert (mixed.not_applicable, mixed.recordings) == (5, 15)
+    lost = overall(comparison([*fits[:15], *(failed(fit) for fit in fits[15:])]))
+    assert mixed[[*LOSS]].tolist() == lost[[*LOSS]].tolist()
+    assert (mixed.not_applicable, mixed.recordings, mixed.failures) == (0, 20, 5)
+
+
+def test_no_interval_is_charged_beyond_zero_and_twice_the_truth() -> None:
+    wide = overall(study_of(normal(20), claims=100.0))
+    assert wide.loss == pytest.approx(3.0 / (0.1 * scores.EFFICIENT))
+    never = overall(study_of(normal(20), lost=range(20)))
+    assert never.loss == pytest.approx(wide.loss)
 
 
 # ---------------------------------------------------------------------------- the intervals
@@ -191,6 +198,7 @@ def test_losses_agree_with_those_computed_from_the_estimates(
         score = 2.0 * truth
         if row["outcome"] == "converged":
             low, high = float(row["lower_95"]), float(row["upper_95"])
+            low, high = (min(max(end, 0.0), 2.0 * truth) for end in (low, high))
             score = high - low + 40.0 * max(low - truth, truth - high, 0.0)
         found[row["scenario"], row["method"], row["parameter"]].append(score / (4.675606 * bound))
     means = {key: sum(own) / len(own) for key, own in found.items()}

@@ -80,7 +80,8 @@ def read_arrays(path: Path, source: str, ask: roles.Request) -> roles.Found:
         beside = path.suffix.lower() != ".mat" and sidecar_path(path).exists()
         notes = read_sidecar(path) if beside else _notes(variables, source)
         places = roles.signal_places(ask.mapping, notes.extra)
-        names = _members(variables, source, places, ask, timed=ask.timed or notes.dt is not None)
+        timed = ask.timed or notes.dt is not None
+        names = _members(variables, source, places, ask.part, timed=timed)
         pieces = {
             signal: {f"variable {n}": _array(variables[n], n, source) for n in own}
             for signal, own in names.items()
@@ -118,17 +119,14 @@ def _opened(path: Path, source: str) -> Iterator[Variables]:
             yield dict(pair for name, value in loaded for pair in _in_array(value, name))
     except InputError:
         raise
-    except MemoryError:
-        raise InputError(
-            f"{source}: takes too much memory; save t, e, u, x in a file of their own"
-        ) from None
-    except Exception as error:  # what is damaged fails in any way whatsoever
+    except Exception as error:  # what is damaged, or too large, fails in any way whatsoever
         suffix = path.suffix.lower()
         kind, command = ("MATLAB", "save -v7") if suffix == ".mat" else (suffix, "numpy.savez")
-        what = shown(f"{type(error).__name__}: {error}")[1:-1]
+        name = "out of memory" if isinstance(error, MemoryError) else type(error).__name__
+        what = shown(f"{name}: {error}")[1:-1]
         raise InputError(
-            f"{source}: is no {kind} file, damaged or cut short ({what}); save it again with "
-            f"{command}"
+            f"{source}: is no {kind} file, damaged, cut short or too large ({what}); save t, e, u, "
+            f"x again with {command}"
         ) from None
 
 
@@ -160,11 +158,10 @@ def _loaded(path: Path) -> dict[str, Any]:
                 reader.stdin.flush()
                 found = pickle.load(reader.stdout)
                 break
-            except (OSError, EOFError, pickle.UnpicklingError):
+            except BaseException as error:  # the next answer must not be this one
                 _end(reader)
-            except BaseException:  # when interrupted, the next answer must not be this one
-                _end(reader)
-                raise
+                if not isinstance(error, OSError | EOFError | pickle.UnpicklingError):
+                    raise
     if isinstance(found, Exception):
         raise found
     return {name: value for name, value in found.items() if not name.startswith("__")}
@@ -272,12 +269,7 @@ def _family(name: str) -> str:
 
 
 def _members(
-    variables: Variables,
-    source: str,
-    places: Mapping[str, roles.Place],
-    ask: roles.Request,
-    *,
-    timed: bool,
+    variables: Variables, source: str, places: Mapping[str, roles.Place], part: str, *, timed: bool
 ) -> dict[str, list[str]]:
     """The variables of each signal, a member a run where they are many.
 
@@ -285,8 +277,8 @@ def _members(
     """
     for name in [n for n in variables if n.partition(".")[0] == NOTES]:
         del variables[name]
-    if ask.part:
-        _keep_part(variables, ask.part, source)
+    if part:
+        _keep_part(variables, part, source)
     for place in places.values():  # columns of matrices, as in ``data:3``
         name, _, number = place.name.rpartition(":")
         if name in variables and number.isascii() and number.isdigit():
@@ -295,17 +287,17 @@ def _members(
     for name in variables:
         families.setdefault(_family(name), []).append(name)
     try:
-        found = roles.resolved(places, families, source, "variable", timed=timed)
+        found = roles.resolved(places, [*families], source, "variable", timed=timed)
     except InputError:
-        kinds = {n: v.kind for n, v in variables.items() if isinstance(v, MatlabObject)}
-        if not kinds:
-            raise
-        name, kind = next(iter(kinds.items()))
-        raise InputError(
-            f"{source}: variable {name} is a MATLAB {kind}, which only MATLAB reads: make matrices "
-            f"of it there, as in S = table2struct({name},'ToScalar',true); save('F.mat','-struct',"
-            "'S'), a timetable by timetable2table first, a timeseries by its Time and Data"
-        ) from None
+        for name, value in variables.items():
+            if isinstance(value, MatlabObject):
+                raise InputError(
+                    f"{source}: variable {name} is a MATLAB {value.kind}, which only MATLAB reads: "
+                    f"make matrices of it there, as in S = table2struct({name},'ToScalar',true); "
+                    "save('F.mat','-struct','S'), a timetable by timetable2table first, a "
+                    "timeseries by its Time and Data"
+                ) from None
+        raise
     return {signal: families[own] for signal, own in found.items()}
 
 
@@ -332,7 +324,7 @@ def _keep_part(variables: Variables, part: str, source: str) -> None:
 
 def _column(value: Any, number: int) -> Any:
     """A column of a matrix, counted from 1."""
-    matrix = value() if callable(value) else value
+    matrix = np.atleast_2d(value() if callable(value) else value)
     table = matrix if len(matrix) >= matrix.shape[-1] else matrix.T  # more samples than columns
     return table[:, number - 1] if table.ndim == 2 and 0 < number <= table.shape[1] else None
 
@@ -350,7 +342,7 @@ def _array(value: Any, name: str, source: str) -> Any:
 
 def _levels(variables: Variables, name: str, source: str) -> list[object]:
     """The values of a variable that has one for each run."""
-    own = roles.only(name, dict.fromkeys(map(_family, variables)), source, "variable")
+    own = roles.only(name, [*dict.fromkeys(map(_family, variables))], source, "variable")
     values: list[object] = []
     for variable, value in variables.items():
         if _family(variable) == own:

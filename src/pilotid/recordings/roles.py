@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -90,12 +91,11 @@ def matching(wanted: str, names: Iterable[str]) -> list[str]:
     )
 
 
-def only(wanted: str, names: Iterable[str], where: str, kind: str) -> str:
+def only(wanted: str, names: Sequence[str], where: str, kind: str) -> str:
     """The one name by which runs or rows are chosen."""
-    known = list(names)
-    if len(found := matching(wanted, known)) != 1:
+    if len(found := matching(wanted, names)) != 1:
         raise InputError(
-            f"{where}: has no {kind} {shown(wanted)}, only {listed(known)}; choose by one of them"
+            f"{where}: has no {kind} {shown(wanted)}, only {listed(names)}; choose by one of them"
         )
     return found[0]
 
@@ -123,28 +123,17 @@ def _absent(places: Mapping[str, Place], found: Mapping[str, object], *, timed: 
     Time may follow from a sampling interval (`timed`); e and x follow from one another and the
     target, and x is needed by channels of motion alone.
     """
-    derived = {"t"} if timed else set()
-    if {"ft", "x"} <= found.keys():
-        derived.add("e")
-    wanted = [
-        s for s, p in places.items() if p.chosen or (s in ("t", "e", "u") and s not in derived)
-    ]
-    lacking = [s for s in wanted if s not in found]
+    needed = {s for s, place in places.items() if place.chosen} | {"u"}
+    needed |= set() if timed else {"t"}
+    needed |= set() if {"ft", "x"} <= found.keys() else {"e"}
+    lacking = [s for s in places if s in needed - found.keys()]
     # With others missing, a user who must name them should hear of this one as well.
-    return [
-        s
-        for s in places
-        if s in lacking or (s == "x" and lacking and not found.keys() & {"x", "ft"})
-    ]
+    tells = bool(lacking) and not {*found, *lacking} & {"x", "ft"}
+    return lacking + ["x"] * tells
 
 
 def resolved(
-    places: Mapping[str, Place],
-    names: Iterable[str],
-    where: str,
-    kind: str,
-    *,
-    timed: bool,
+    places: Mapping[str, Place], names: Sequence[str], where: str, kind: str, *, timed: bool
 ) -> dict[str, str]:
     """The name of each signal that a file has.
 
@@ -164,11 +153,11 @@ def resolved(
     InputError
         If a signal is lacking that must be there, or may be any of several.
     """
-    names = list(names)
+    lacking = partial(_absent, places, timed=timed)
     found = {s: own for s, place in places.items() if (own := matching(place.name, names))}
-    if kind == "variable" and (_absent(places, found, timed=timed) or "x" not in found):
-        found |= _inside(places, found, names, where, timed=timed)
-    if absent := _absent(places, found, timed=timed):
+    if kind == "variable" and (lacking(found) or "x" not in found):
+        found |= _inside(places, found, names, where, lacking)
+    if absent := lacking(found):
         what = ", ".join(
             f"{shown(places[s].name)} for {s} ({NAMES.get(s, 'extra signal')})" for s in absent
         )
@@ -190,10 +179,9 @@ def resolved(
 def _inside(
     places: Mapping[str, Place],
     found: Mapping[str, list[str]],
-    names: Iterable[str],
+    names: Sequence[str],
     where: str,
-    *,
-    timed: bool,
+    lacking: Callable[[Mapping[str, object]], list[str]],
 ) -> dict[str, list[str]]:
     """The names of further signals in the one struct that holds all that is needed."""
     structs: dict[str, dict[str, list[str]]] = {}
@@ -209,9 +197,7 @@ def _inside(
         }
         for root, ends in structs.items()
     }
-    holding = [
-        r for r in inside if inside[r] and not _absent(places, {**found, **inside[r]}, timed=timed)
-    ]
+    holding = [root for root in inside if inside[root] and not lacking({**found, **inside[root]})]
     holding = [root for root in holding if "x" in inside[root]] or holding
     if len(holding) > 1:
         raise InputError(

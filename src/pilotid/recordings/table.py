@@ -70,7 +70,9 @@ def read_table(path: Path, source: str, ask: roles.Request) -> roles.Found:
         if match := re.fullmatch(r"(.+)_([0-9]{1,6})", bare(name)[0], re.DOTALL):
             groups.setdefault(match[1], []).append(name)
     where = f"{source}: line {start}, the header"
-    found = roles.resolved(places, groups, where, "column", timed=ask.timed or notes.dt is not None)
+    found = roles.resolved(
+        places, [*groups], where, "column", timed=ask.timed or notes.dt is not None
+    )
     members = {}
     for signal, group in found.items():
         own = sorted(groups[group], key=lambda name: (len(bare(name)[0]), bare(name)[0]))

@@ -36,7 +36,7 @@ from pilotid.report.study_tables import (
     trust_table,
     verdict,
 )
-from pilotid.study.judge import LIMITS, USABLE, sentence
+from pilotid.study.judge import LIMITS, USABLE, fails_often, sentence
 from pilotid.study.scores import ALL, EFFICIENT, loss_text
 from pilotid.study.table import Comparison, Entry
 from pilotid.support.disk import write_file
@@ -138,6 +138,11 @@ def overview(
     shown = names if len(names) <= OPEN else [_reference(names)]
     words = [answer(study, name) for name in shown]
     rankings = [ranking(study, name) for name in shown]
+    if prior := [f"`{m}`" for m, entry in study.methods.items() if "prior" in entry.settings]:
+        words.append(
+            f"* {', '.join(prior)} use prior knowledge: the range that parameters of pilots "
+            "usually have. `bayes(prior=3)` has priors three times as wide."
+        )
     if len(names) < 2:
         return words if study.scenarios else ["The study holds no fits yet."], [], rankings
     return [_over_all(study, names), *words], matrices(study, names, widest), rankings
@@ -153,7 +158,7 @@ def _over_all(study: Comparison, names: Sequence[str]) -> str:
     if not means:
         return f"No method is ranked in all {len(names)} scenarios."
     best, *others = means
-    words = f"Over these {len(names)} scenarios **`{best}` is best**: mean loss "
+    words = f"Over these {len(names)} scenarios **`{best}` is best**: geometric mean "
     return f"{words}{loss_text(means[best])}" + (
         f", then `{others[0]}`, {loss_text(means[others[0]])}." if others else "."
     )
@@ -171,9 +176,9 @@ def _reference(names: Sequence[str]) -> str:
 def answer(study: Comparison, name: str) -> str:
     """Which method to take in a scenario, how much better it is than the next, which to avoid."""
     every = ranked(study, name)
-    order = [row for row in every if math.isfinite(row.loss)]
+    order = [row for row in every if math.isfinite(row.loss) and not fails_often(row)]
     if not order:
-        return f"On `{name}` no method can be ranked: none gives intervals."
+        return f"On `{name}` no method can be ranked: none gives intervals and seldom fails."
     best, *others = order
     grade, loss = verdict(study, best).grade, loss_text(*loss_of(best))
     count = f" of {len(every)}" if others else ""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pilotid.estimates.estimate import Outcome
-from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, Verdict, judge
+from pilotid.study.judge import EFFICIENT, USABLE, Verdict, fails_often, judge, worst_parameter
 from pilotid.study.scores import ALL, LOSS, loss_ratios, loss_text
 from pilotid.study.table import Comparison
 from pilotid.study.trust import TRUST
@@ -27,6 +27,7 @@ RECORDER = "recorder"  # family of the scenarios whose recorder is faulty
 OFF = 4.0  # claimed standard errors by which a value is wrong
 #: Loss from which a cell of the matrix is darkest.
 BAD = 10.0
+MEAN = "geometric mean"
 FEW = 4  # scenarios of which the matrix shows intervals
 LONGEST_WORDS = 60  # characters of a remark that a table shows
 GRADES = {"efficient": "good", "usable": "partly", "poor": "poor"}
@@ -80,13 +81,16 @@ def loss_mark(loss: float) -> str:
 def ranked(study: Comparison, name: str) -> list[Any]:
     """Scores of methods over a scenario, by their loss.
 
-    Behind them are those without intervals, and those not applicable.
+    Behind them are those that fail often, by the loss of the other fits, those without intervals,
+    and those not applicable.
     """
 
     def place(row: Any) -> tuple[int, float]:
         known, ratio = math.isfinite(row.loss), row.rmse_over_bound
         rest = ratio if math.isfinite(ratio) else math.inf
-        return (0 if known else 1 if row.recordings else 2), row.loss if known else rest
+        if known and fails_often(row):
+            return 1, row.loss_ended_well
+        return (0 if known else 2 if row.recordings else 3), row.loss if known else rest
 
     return sorted(study.of(name).itertuples(), key=place)
 
@@ -126,7 +130,7 @@ class Ranking(NamedTuple):
 
 #: The ranking's columns: of a method's scores, the study, and the best method's scores.
 RANKING: Columns = {
-    "method": (lambda row, *_: row.method, None, ""),
+    "method": (lambda row, study, _: marked(study, row.method), None, "*: uses prior knowledge"),
     "loss (95 %)": (
         lambda row, *_: _loss(row),
         str,
@@ -138,18 +142,13 @@ RANKING: Columns = {
         "ratio to the first row's loss, same recordings",
     ),
     "verdict": (lambda row, study, _: verdict(study, row).words, None, "by fixed limits"),
-    "largest bias/error": (
-        lambda row, study, _: _largest_bias(study, row),
-        str,
-        "mean error, in claimed standard errors",
+    "worst parameter": (
+        lambda row, study, _: worst_parameter(study.scored(row.scenario, row.method)),
+        None,
+        "root mean square error over the bound, and bias in % of the truth",
     ),
     "coverage %": (lambda row, *_: covered(row), share, "of 95 % intervals"),
     "failed (loss else)": (lambda row, *_: _failed(row), str, "loss of the other fits"),
-    "objects": (
-        lambda row, *_: (row.not_applicable, row.not_applicable + row.recordings),
-        of,
-        "recordings that it objects to",
-    ),
     "warned": (
         lambda row, study, _: _warned_of_violation(study, row),
         str,
@@ -167,11 +166,17 @@ def ranking(study: Comparison, name: str) -> Ranking:
         what = f"{count} recordings"
     caption = f"`{name}`, {what}: methods by their loss "
     caption += f"(1: exact; below {EFFICIENT:g} efficient, below {USABLE:g} usable)"
-    axis = LogAxis.of(map(loss_of, order))
+    axis = LogAxis.of(loss_of(row) for row in order if not fails_often(row))
     marks = {"verdict": [GRADES.get(verdict(study, row).grade, "none") for row in order]}
     shown = table_of(order, caption, RANKING, study, order[0], marks=marks)
     dots = [loss_mark(row.loss) for row in order]
-    return Ranking(shown, axis, [axis.whisker(*loss_of(row)) for row in order], dots)
+    whiskers = [None if fails_often(row) else axis.whisker(*loss_of(row)) for row in order]
+    return Ranking(shown, axis, whiskers, dots)
+
+
+def marked(study: Comparison, method: str) -> str:
+    """A method's label, with a star if it uses prior knowledge of pilots."""
+    return f"{method} *" if "prior" in study.methods[method].settings else method
 
 
 def verdict(study: Comparison, row: Any) -> Verdict:
@@ -180,24 +185,16 @@ def verdict(study: Comparison, row: Any) -> Verdict:
 
 
 def _times_best(study: Comparison, row: Any, best: Any) -> str | None:
-    if not math.isfinite(row.loss):
+    if not math.isfinite(row.loss) or fails_often(row):
         return None
     return "best" if row is best else loss_text(*loss_ratio(study, row, best))
 
 
 def _loss(row: Any) -> str:
     if math.isfinite(row.loss):
-        return loss_text(*loss_of(row))
+        often = f"fails; else {loss_text(row.loss_ended_well)}"
+        return often if fails_often(row) else loss_text(*loss_of(row))
     return f"rmse {number(row.rmse_over_bound)} x bound" if row.recordings else "not applicable"
-
-
-def _largest_bias(study: Comparison, row: Any) -> str | None:
-    own = study.scored(row.scenario, row.method).iloc[1:]
-    known = own[(own.n >= FEWEST) & (own.mean_z_se > 0.0)]
-    if not len(known):
-        return None
-    worst = known.loc[known.mean_z.abs().idxmax()]
-    return f"{worst.parameter} {plus_minus(worst.mean_z, worst.mean_z_se)}"
 
 
 def covered(row: Any) -> tuple[float, tuple[float, float]]:
@@ -249,7 +246,7 @@ def by_mean_loss(study: Comparison, names: Sequence[str]) -> dict[str, dict[str,
     found: dict[str, dict[str, float]] = {method: {} for method in study.methods}
     for name in names:
         for row in study.of(name).itertuples():
-            if row.loss > 0.0:
+            if row.loss > 0.0 and not fails_often(row):
                 found[row.method][name] = row.loss
     order = sorted(found, key=lambda m: (-len(found[m]), mean_loss(found[m]) if found[m] else 0.0))
     return {method: found[method] for method in order}
@@ -275,6 +272,8 @@ def matrices(study: Comparison, names: Sequence[str], widest: int) -> list[Table
     def text(row: Any) -> str | None:
         if row is None:
             return None
+        if math.isfinite(row.loss) and fails_often(row):
+            return f"fails {of(row.failures, row.recordings)}"
         if math.isfinite(row.loss):
             return loss_text(*loss_of(row)) if few else number(row.loss, 2)
         return "no intervals" if row.recordings else "n/a"
@@ -294,9 +293,9 @@ def matrices(study: Comparison, names: Sequence[str], widest: int) -> list[Table
             table(
                 [(*front(m)[: 1 if begin else 3], *t) for m, t in zip(losses, shown, strict=True)],
                 "Loss in further scenarios" if begin else caption,
-                ["method", *([] if begin else ["mean", "worst"]), *links],
-                dict.fromkeys(("mean", *links), str),
-                hints={"mean": "geometric, where there is a loss in every scenario"},
+                ["method", *([] if begin else [MEAN, "worst"]), *links],
+                dict.fromkeys((MEAN, *links), str),
+                hints={MEAN: "where there is a loss in every scenario"},
                 marks=marks,
             )
         )
@@ -383,7 +382,7 @@ def failure_table(study: Comparison) -> Table:
     rows = []
     for (name, method), cell in fits.groupby(["scenario", "method"], sort=False):
         for outcome, own in cell[cell.outcome != Outcome.CONVERGED.slug].groupby("outcome"):
-            counts_as = "no try" if outcome == Outcome.NOT_APPLICABLE.slug else "failure"
+            counts_as = "failure" if own.tried.all() else "no try"
             if own.usable.any():
                 counts_as = "result"
             front = (name, method, len(own), len(cell), counts_as)

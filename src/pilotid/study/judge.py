@@ -10,24 +10,28 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pilotid.study.scores import ALL, LOSS, loss_text, skewed_t
-from pilotid.support.format import number, plus_minus
+from pilotid.support.format import number, plus_minus, signed
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 #: Loss of all parameters below which a method is efficient, and below which it is usable.
 EFFICIENT, USABLE = 1.25, 2.0
+#: Root mean square error over the bound of an efficient method's worst parameter, at the most.
+USELESS = 4.0
 #: A flag stands for what chance shows this seldom in a method that has no such fault.
 LEVEL = 1e-3
-#: Share of failed fits that is no fault.
-FAILURES = 0.01
+#: Share of failed fits that is no fault, and the one beyond which a method is poor.
+FAILURES, MOST_FAILURES = 0.01, 0.1
 FEWEST = 5  # fits of which a mean can be tested
 #: What verdicts rest on, for those who explain them.
 LIMITS = {
     "efficient": EFFICIENT,
     "usable": USABLE,
+    "useless": USELESS,
     "without": round(1.0 / LEVEL),
     "failing": 100.0 * FAILURES,
+    "often": 100.0 * MOST_FAILURES,
 }
 
 
@@ -105,10 +109,16 @@ def judge(scores: DataFrame) -> Verdict:
     grade = "poor"
     if math.isnan(overall.loss):
         grade = "unscored"
-    elif overall.loss < USABLE:
-        grade = "efficient" if overall.loss < EFFICIENT else "usable"
+    elif overall.loss < USABLE and not fails_often(overall):
+        even = max(row.rmse_over_bound for row in rows[1:]) <= USELESS
+        grade = "efficient" if overall.loss < EFFICIENT and even else "usable"
     flags = (_bias(rows[1:]), _coverage(rows), _failures(overall))
     return Verdict(grade, tuple(flag for flag in flags if flag))
+
+
+def fails_often(row: Any) -> bool:
+    """Whether more than a tenth of the fits failed, of which a row of scores tells."""
+    return bool(row.failures > MOST_FAILURES * row.recordings)
 
 
 def _bias(each: list[Any]) -> Flag | None:
@@ -176,6 +186,18 @@ def sentence(name: str, scores: DataFrame) -> str:
     if overall.failures and math.isfinite(overall.loss_ended_well):
         head += f" ({number(overall.loss_ended_well)} without failures)"
     faults = "; ".join(flag.words for flag in verdict.flags) or "no significant faults"
-    objections = overall.not_applicable
-    partly = f" It objects to {objections} recordings." if objections else ""
-    return f"`{name}`: {head}; {faults}.{partly}"
+    worst = worst_parameter(scores)
+    return (
+        f"`{name}`: {head}; {faults}; worst: {worst}." if worst else f"`{name}`: {head}; {faults}."
+    )
+
+
+def worst_parameter(scores: DataFrame) -> str:
+    """The parameter that is farthest off in bounds, in rmse, and its bias; empty for none."""
+    own = scores.iloc[1:].dropna(subset="rmse_over_bound")
+    if not len(own):
+        return ""
+    row = own.loc[own.rmse_over_bound.idxmax()]
+    words = f"{row.parameter} {number(row.rmse_over_bound, 2)} bounds"
+    known = math.isfinite(row.bias_percent)
+    return f"{words}, {signed(row.bias_percent)} %" if known else words

@@ -86,13 +86,16 @@ def measured(frame: DataFrame) -> DataFrame:
     ``loss``, NaN where there is none; and ``warned``, whether a user is told something of the fit.
 
     What failed, and an interval that is missing though others of the method are not, is charged
-    with the interval from zero to twice the true value.  A method that succeeds without any
-    interval has no loss.
+    with the interval from zero to twice the true value, and no interval counts beyond these ends:
+    nobody gains by failing where an honest interval is wide.  An objection is no try if the method
+    objects to all recordings of the scenario, and a failure else.  A method that succeeds without
+    any interval has no loss.
     """
     d = frame.copy()
     cells = [d.scenario, d.method]
     d["first"] = ~d.duplicated(["scenario", "method", "replication"])
-    d["tried"] = d.outcome != Outcome.NOT_APPLICABLE.slug
+    objects = d.outcome == Outcome.NOT_APPLICABLE.slug
+    d["tried"] = ~objects.groupby(cells).transform("all")
     d["error"] = (d.value - d.truth).where(d.usable)
     claimed = d.std_error.where(d.std_error > 0.0)
     d["z"], d["ratio"] = d.error / claimed, d.error / d.bound
@@ -101,7 +104,9 @@ def measured(frame: DataFrame) -> DataFrame:
     d["hit"] = hit.astype(float).where(own & d.error.notna())
     d["low"] = d.lower.where(own, d.value - Z95 * claimed)
     d["high"] = d.upper.where(own, d.value + Z95 * claimed)
-    score = interval_score(d.low, d.high, d.truth).where(d.usable)
+    ends = np.minimum(0.0, 2.0 * d.truth), np.maximum(0.0, 2.0 * d.truth)
+    low, high = (end.clip(*ends) for end in (d.low, d.high))
+    score = interval_score(low, high, d.truth).where(d.usable)
     some = score.notna().groupby(cells).transform("any")
     none = d.usable.groupby(cells).transform("any") & ~some
     charged = score.fillna(2.0 * d.truth.abs()) / (EFFICIENT * d.bound)

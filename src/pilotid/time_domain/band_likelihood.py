@@ -197,14 +197,11 @@ class BandTerms:
         found *= np.sqrt(2.0 * self.weights / samples)
         return found.view(float)
 
-    def filtered(self, rows: FloatArray, power: float = 1.0) -> FloatArray:
-        """Rows (..., samples) filtered by the weights to a power.
-
-        With 1 their products with rows are weighted, with 1/2 those with one another.
-        """
+    def filtered(self, rows: FloatArray) -> FloatArray:
+        """Rows (..., samples) filtered by the weights: their products with rows are weighted."""
         spectra = np.fft.rfft(rows)
-        spectra[..., 0] *= (2.0 * self.weights[0]) ** power
-        spectra[..., 1 : self.weights.size] *= self.weights[1:] ** power
+        spectra[..., 0] *= 2.0 * self.weights[0]
+        spectra[..., 1 : self.weights.size] *= self.weights[1:]
         spectra[..., self.weights.size :] = 0.0
         return np.asarray(np.fft.irfft(spectra, n=rows.shape[-1]))
 

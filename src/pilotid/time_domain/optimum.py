@@ -249,15 +249,12 @@ class Optimum:
 
     def refined(self, tolerance: float = SEARCH.reported_tolerance) -> Optimum:
         """The same to another tolerance, or to that of what is compared as in `descended`."""
-        joint, end = self.joint, self.end
-        compared = SEARCH.compared_tolerance
-        if tolerance < compared and joint.adjoint:
+        joint, start = self.joint, self.end.only([0])
+        if tolerance < SEARCH.compared_tolerance and joint.adjoint:
             joint = Likelihood(joint.prediction, joint.noise)
-            end = minimise(joint.gram, end.values[:1], joint, tolerance=tolerance)
+            end = descended(joint, start.values, tolerance)
         else:
-            end = minimise(joint.gram, end.only([0]), joint, tolerance=tolerance)
-        if tolerance < compared and not end.converged[0]:
-            end = minimise(joint.gram, end.only([0]), joint, tolerance=compared)
+            end = descended(joint, start, tolerance)
         return replace(self, joint=joint, end=end, iterations=self.iterations + end.iterations)
 
     def moved(self, start: FloatArray) -> Optimum:
@@ -267,9 +264,9 @@ class Optimum:
 
 
 def descended(
-    joint: Likelihood, starts: FloatArray, tolerance: float = SEARCH.reported_tolerance
+    joint: Likelihood, starts: FloatArray | Minima, tolerance: float = SEARCH.reported_tolerance
 ) -> Minima:
-    """The best optimum that starts lead to, shape (starts, parameters), to a tolerance.
+    """The best optimum that starts lead to, as in `minimise`, to a tolerance.
 
     Along a flat valley the search creeps; where it got is then good enough if the tolerance of
     what is compared is met.
