@@ -39,9 +39,9 @@ def started(*arguments: str, **options: Any) -> subprocess.Popen[str]:
 
 
 @pytest.mark.long
-def test_fits_are_kept_where_pages_cannot_be_written(run: Run, place: Path) -> None:
+def test_fits_are_kept_where_figures_cannot_be_written(run: Run, place: Path) -> None:
     (place / "o").mkdir()
-    (place / "o" / "recordings").touch()  # where the pages go
+    (place / "o" / "figures").touch()  # where the figures go
     answer = run("analyse", "s.csv", *FIT, "--out", "o", "--workers", "1")
     assert answer.status == 2
     assert b"converged" in (place / "o" / "estimates.csv").read_bytes()
