@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,14 @@ from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import Remnant, TabulatedRemnant
 from pilotid.datasets.scenarios import DEGREES, SCENARIOS, Scenario, checked
 from pilotid.datasets.simulation import remnant_ratio
+from pilotid.estimates.fitted import Fitted
 from pilotid.naming.code import is_place, taken
 from pilotid.naming.settings import from_catalogue, name_of, plain, require_name
 from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import margins
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.spectra import known_lines
 from pilotid.support.disk import require_file
 from pilotid.support.types import InputError
 
@@ -125,6 +128,23 @@ def scenario_json(scenario: Scenario, place: str = "") -> dict[str, Any]:
     return {**held, "model": model}
 
 
+def fitted_scenario(fitted: Fitted, place: str = "") -> dict[str, Any] | None:
+    """What would be recorded if a fit were the truth, as `scenario_json` has it.
+
+    None where no estimate can be simulated, or the forcing functions are no sums of sines.
+    """
+    if not known_lines(fitted.recording) or fitted.loop_element is None:
+        return None
+    recording = fitted.loop_element.named_in(fitted.recording)
+    for estimate in fitted.estimates:
+        # Starts and bounds of the search are none of the pilot's.
+        model = replace(estimate.model, overrides=())
+        with suppress(InputError):
+            found = Scenario.from_fit(replace(estimate, model=model), recording)
+            return scenario_json(found, place)
+    return None
+
+
 def model_place(text: str) -> str:
     """Where the model of a scenario that is named so is found; empty for the catalogue's."""
     if is_place(text):
@@ -178,8 +198,9 @@ def designed_scenario(path: Path) -> Scenario:
         raise
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InputError(
-            f"{path}: cannot be read as a design ({str(error).splitlines()[0]}); name the "
-            "design.json that `pilotid design` wrote"
+            f"{path}: holds no scenario ({str(error).splitlines()[0]}); name the "
+            "JSON of `pilotid design`, or of `pilotid fit` with --element and a method that has a "
+            "remnant"
         ) from None
 
 

@@ -40,10 +40,11 @@ from pilotid.estimates.warnings import is_vague
 from pilotid.pilot.model import PilotModel
 from pilotid.posterior.ensembles import DEFAULT_RUN, Chains, Run, ensembles
 from pilotid.posterior.importance import Weighted, importance
-from pilotid.posterior.likelihood import Likelihood, Posterior, Prior, priors_of
+from pilotid.posterior.likelihood import Marginal, Posterior, Prior, priors_of
 from pilotid.recordings.recording import Recording
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.output_error import OutputErrors, make_estimate, too_short
+from pilotid.time_domain.likelihood import Likelihood
+from pilotid.time_domain.output_error import make_estimate, too_short
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.time_domain.search import maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings
@@ -74,7 +75,7 @@ class Inference(NamedTuple):
     """An estimate, whose draws are those of the posterior under a likelihood."""
 
     estimate: Estimate
-    likelihood: Likelihood
+    likelihood: Marginal
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,8 @@ class Bayes(LikelihoodSettings):
     sampler
         ``importance``, ``emcee``, or ``auto``: importance sampling, which takes a fraction of
         a second, and emcee where that fails.
+    prior
+        How much wider the priors of the pilot's parameters are than the default ones.
     priors
         Pairs of a parameter's key and a prior in the place of the default one: any frozen
         distribution of scipy.stats, truncated at the model's bounds.
@@ -105,6 +108,7 @@ class Bayes(LikelihoodSettings):
 
     likelihood: Literal["remnant", "white"] = "remnant"
     sampler: Sampler = "auto"
+    prior: float = 1.0
     priors: tuple[tuple[str, Prior], ...] = ()
     intervals: Literal["equal-tailed", "highest-density"] = "equal-tailed"
     draws: int = 4000
@@ -159,8 +163,8 @@ class Bayes(LikelihoodSettings):
         settings = replace(self, noise=LowPass(0), loop=False) if white else self
         found = maximise_likelihood(recording, model, rng, settings)
         joint = found.joint
-        likelihood = Likelihood(joint, 1.0 if white else found.variance_factor)
-        posterior = Posterior(likelihood, priors_of(model, joint.noise, self.priors))
+        likelihood = Marginal(joint, 1.0 if white else found.variance_factor)
+        posterior = Posterior(likelihood, priors_of(model, joint.noise, self.priors, self.prior))
         sampled = self._sampled(posterior, posterior.approximation(found), rng, watch)
         draws = sampled.draws
         if draws is None:
@@ -189,7 +193,7 @@ class Bayes(LikelihoodSettings):
             band=found.band_of(recording),
             remnant=found.remnant,
             draws=draws,
-            remarks=too_short(OutputErrors(joint.prediction), values) if white else (),
+            remarks=too_short(Likelihood(joint.prediction), values) if white else (),
         )
         if estimate.outcome.usable and is_vague(estimate) and one_signal(recording, model):
             # Several summits, far apart: draws about one of them look as good as any others.

@@ -34,7 +34,8 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.search import evolve
-from pilotid.time_domain.output_error import OutputErrors, WhiteLikelihood
+from pilotid.time_domain.likelihood import Likelihood
+from pilotid.time_domain.output_error import WhiteLikelihood
 from pilotid.time_domain.prediction import predict
 
 
@@ -76,7 +77,7 @@ class MLEGenetic(WhiteLikelihood):
         rng
             Draws the generations.
         """
-        coarse = OutputErrors(predict(recording, model, self.search_band))
+        coarse = Likelihood(predict(recording, model, self.search_band))
         found = evolve(
             coarse.gram, model, rng, population=self.population, generations=self.generations
         )

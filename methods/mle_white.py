@@ -24,7 +24,8 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.search import search
-from pilotid.time_domain.output_error import OutputErrors, WhiteLikelihood, record
+from pilotid.time_domain.likelihood import Likelihood
+from pilotid.time_domain.output_error import WhiteLikelihood, record
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.settings import StartSettings
 
@@ -60,7 +61,7 @@ class MLEWhite(WhiteLikelihood, StartSettings):
         rng
             Draws the other starts.
         """
-        coarse = OutputErrors(predict(recording, model, self.search_band))
+        coarse = Likelihood(predict(recording, model, self.search_band))
         found = search(coarse.gram, model, rng, candidates=self.candidates, refined=self.refined)
         estimate = self.polished(self.name, recording, model, found)
         return replace(estimate, starts=record(found))

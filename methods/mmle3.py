@@ -32,7 +32,8 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.support.remarks import Remark
 from pilotid.support.types import ComplexArray, FloatArray
-from pilotid.time_domain.output_error import OutputErrors, make_estimate, too_short
+from pilotid.time_domain.likelihood import Likelihood
+from pilotid.time_domain.output_error import make_estimate, too_short
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import prepare
 
@@ -134,7 +135,7 @@ class MMLE3:
             outcome=Outcome.CONVERGED,
             message="",
             iterations=iteration,
-            remarks=(*_far_off(model, values), *too_short(OutputErrors(prediction), values)),
+            remarks=(*_far_off(model, values), *too_short(Likelihood(prediction), values)),
         )
 
 

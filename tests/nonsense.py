@@ -93,13 +93,13 @@ def without(recording: Recording, *names: str) -> Recording:
 #: What may be wrong with the signals, the code of the remark, and the signal or run it must name.
 PLANTED: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
     "two seconds repeated": (repeated, "repeated-samples", "u"),
-    "20 s of u lost": (lambda r: dropped(r, ("u",)), "held-samples", ""),
-    "20 s of all signals lost": (lambda r: dropped(r, ALL), "held-samples", ""),
-    "a missing-value code": (spoilt, "spike", "u"),
+    "20 s of u lost": (lambda r: dropped(r, ("u",)), "lost-samples", ""),
+    "20 s of all signals lost": (lambda r: dropped(r, ALL), "lost-samples", ""),
+    "a missing-value code": (spoilt, "lost-samples", "u"),
     "u clipped": (clipped, "clipped", "u"),
     "u drifts": (lambda r: replace(r, u=r.u + 0.01 * r.time), "drift", "u"),
     "u has an offset": (lambda r: replace(r, u=r.u + 0.4 * np.std(r.u)), "offset", "u"),
-    "u late by 1 s": (lambda r: delayed(r, 1.0), "late-control", "u"),
+    "u late by 1 s": (lambda r: delayed(r, 1.0), "late-signal", "u"),
     "sign of e": (lambda r: replace(r, e=-r.e), "wrong-sign", "e"),
     "sign of x": (lambda r: replace(r, x=-r.x), "wrong-sign", "x"),
     "e and x exchanged": (lambda r: replace(r, e=r.x, x=r.e), "exchanged", ""),

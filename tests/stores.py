@@ -2,62 +2,71 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from pilotid.study.comparison import comparison_of
-from pilotid.study.store import (
-    Draw,
-    MethodEntry,
-    ParameterTruth,
-    Result,
-    ScenarioEntry,
-    Store,
-    Unit,
-)
+from pilotid.study.table import METHODS, SCENARIOS, Comparison, Entry, Fit, Store, frame_of
+from pilotid.support.store import Key
 
 KEYS = ("Kvis", "tlead", "tdvis", "fnm", "zetanm")
+NAMES = ("mle", "arx", "fourier")
 
 
 def finish(folder: Path, replications: int = 25) -> Store:
     """Two scenarios, a population, three methods, and some fits that failed; still open."""
     rng = np.random.default_rng(4)
     store = Store(folder, create=True)
-    store.describe({"seed": "1", "code": "c0de", "numpy": "2.0", "remnant ratio first": "0.1"})
-    for position, name in enumerate(("first", "second")):
-        known = tuple(ParameterTruth(key, "s", 1.5 + position, 0.1) for key in KEYS)
-        settings = {"class": "Scenario", "truth": [1.5] * 5, "remnant": {"level": 0.4}}
-        store.add_scenario(ScenarioEntry(name, position, "words", "single", settings, known))
-    store.add_scenario(ScenarioEntry("any", 2, "words", "single", {"class": "Population"}, ()))
-    for position, name in enumerate(("mle", "arx", "fourier")):
-        store.add_method(MethodEntry(name, position, {"class": name, "memory": 2.0}))
+    store.describe({"seed": "1", "code": "c0de", "numpy": "2.0"})
+    settings = {"class": "Scenario", "truth": [1.5] * 5, "remnant": {"level": 0.4}}
+    scenarios = [
+        Entry(name, place, settings, description="words", model="single", remnant=0.1)
+        for place, name in enumerate(("first", "second"))
+    ]
+    scenarios.append(Entry("any", 2, {"class": "Population"}, population=True))
+    methods = [Entry(m, place, {"class": m, "memory": 2.0}) for place, m in enumerate(NAMES)]
+    store.enter(scenarios, methods)
     for replication in range(replications):
-        for scenario in ("first", "second"):
-            for method in ("mle", "arx", "fourier"):
-                unit = Unit(scenario, method, replication)
-                store.add(fit(unit, rng) if rng.random() > 0.1 else Result(unit, "crashed", "why"))
-        for method in ("mle", "arx", "fourier"):
-            found = fit(Unit("any", method, replication), rng)
-            store.add(replace(found, excess=rng.normal(), draw=drawn(replication)))
+        for place, scenario in enumerate(("first", "second")):
+            truth = [1.5 + place] * len(KEYS)
+            for method in NAMES:
+                found = fit((scenario, method, replication), rng, truth)
+                store.add(found if rng.random() > 0.1 else failed(found))
+        for method in NAMES:
+            store.add(replace(drawn(("any", method, replication), rng), excess=rng.normal()))
     return store
 
 
-def drawn(replication: int) -> Draw:
-    """What the population drew for a replication."""
-    truth = np.random.default_rng(replication).normal(1.5, 0.1, len(KEYS)).tolist()
-    known = tuple(ParameterTruth(k, "s", v, 0.1) for k, v in zip(KEYS, truth, strict=True))
-    return Draw("single", known, {"element": "K/s", "dt": 0.01, "runs": 1 + replication % 2})
+def drawn(key: Key, rng: np.random.Generator) -> Fit:
+    """A fit of what a population drew for a replication."""
+    truth = np.random.default_rng(key[2]).normal(1.5, 0.1, len(KEYS)).tolist()
+    facts = {"element": "K/s", "dt": 0.01, "runs": 1 + key[2] % 2}
+    return replace(fit(key, rng, truth), facts=facts)
 
 
-def fit(unit: Unit, rng: np.random.Generator) -> Result:
+def fit(key: Key, rng: np.random.Generator, truth: Sequence[float] = (1.5,) * 5) -> Fit:
     """A fit with numbers of chance."""
     rows = tuple(
-        (key, v, 0.1, v - 0.2, v + 0.2)
-        for key, v in zip(KEYS, rng.normal(1.5, 0.1, 5).tolist(), strict=True)
+        (k, "s", t, 0.1, v, 0.1, v - 0.2, v + 0.2)
+        for k, t, v in zip(KEYS, truth, rng.normal(1.5, 0.1, 5).tolist(), strict=True)
     )
-    return Result(unit, "converged", "", True, rng.uniform(70.0, 90.0), 9, False, 0.2, rows)
+    return Fit(*key, "converged", "", True, 80.0, 9, 0.2, model="single", estimates=rows)
+
+
+def failed(fit: Fit, outcome: str = "crashed", message: str = "why") -> Fit:
+    """A fit that gave no estimate."""
+    rows = tuple((*known[:4], None, None, None, None) for known in fit.estimates)
+    return replace(fit, outcome=outcome, message=message, usable=False, estimates=rows)
+
+
+def comparison(fits: Iterable[Fit], *, population: bool = False) -> Comparison:
+    """What a study of one scenario holds that gave these fits."""
+    frame = frame_of(list(fits)).assign(population=population)
+    own = {name: Entry(name, 0, {}, population=population) for name in frame.scenario.unique()}
+    methods = {name: Entry(name, 0, {}) for name in frame.method.unique()}
+    return Comparison(frame, own, methods, {}, Path())
 
 
 @dataclass(frozen=True)
@@ -65,18 +74,17 @@ class Content:
     """All that a report is made of."""
 
     about: dict[str, str]
-    scenarios: list[ScenarioEntry]
-    methods: dict[str, MethodEntry]
-    fits: dict[Unit, Result]
+    scenarios: dict[str, Entry]
+    methods: dict[str, Entry]
+    fits: dict[Key, Fit]
 
 
 def content_of(store: Store) -> Content:
     """What a store holds; its scores can be computed."""
-    for cell in comparison_of(store).cells:
-        assert len(cell.scores) == 1 + len(KEYS)
-    fits = {result.unit: result for result in store.results()}
-    assert fits.keys() <= store.done().keys()
-    return Content(store.about(), store.scenarios(), store.methods(), fits)
+    found = store.comparison()
+    assert set(found.scores.parameter) <= {*KEYS, "all", ""}
+    fits = {fit.key: fit for fit in store.fits()}
+    return Content(store.about(), store.entries(SCENARIOS), store.entries(METHODS), fits)
 
 
 def changed(content: bytes, rng: np.random.Generator) -> bytes:

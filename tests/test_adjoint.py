@@ -12,19 +12,11 @@ from pilotid.datasets import SCENARIOS, simulate
 from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
-from pilotid.solve.least_squares import minimise, resume
+from pilotid.solve.least_squares import minimise
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import (
-    AdjointErrors,
-    BinnedPrediction,
-    PredictionErrors,
-    binned,
-    for_search,
-)
-from pilotid.time_domain.noise import JointFit
-from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain.likelihood import Likelihood
+from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import (
     Autoregressive,
     BandPass,
@@ -38,7 +30,6 @@ pytestmark = pytest.mark.numerical
 
 RUNS = 12
 RATE = 50.0
-BAND = analysis_band(NOMINAL.dt, RATE)
 STEADY = [name for name, model in MODELS.items() if not model.changes]
 REMNANTS: list[NoiseModel] = [LowPass(0), LowPass(2), BandPass(1), Autoregressive(20)]
 
@@ -50,15 +41,13 @@ def prediction_of(model: PilotModel, runs: int, terms: tuple[float, ...] = (0.0,
 
 def problem_of(
     prediction: Prediction, noise: NoiseModel
-) -> tuple[PredictionErrors, AdjointErrors, FloatArray]:
+) -> tuple[Likelihood, Likelihood, FloatArray]:
     """Exact problem, that of a search, and two points: a pilot with the remnant it leaves."""
-    exact = PredictionErrors(prediction, noise, BAND)
-    coarse = binned(prediction)
-    assert isinstance(coarse, BinnedPrediction)
     pilots = prediction.model.start * np.array([[1.0], [0.9]])
-    residual = OutputErrors(prediction).residual(pilots[0])
-    remnant = np.tile(guess_parameters(noise, residual, BAND), (2, 1))
-    return exact, AdjointErrors(exact, coarse), np.hstack([pilots, remnant])
+    residual = prediction.errors(pilots[0])
+    remnant = np.tile(guess_parameters(noise, residual, prediction.band), (2, 1))
+    exact, adjoint = (Likelihood(prediction, noise, adjoint=each) for each in (False, True))
+    return exact, adjoint, np.hstack([pilots, remnant])
 
 
 def assert_last_rows_equal(exact: FloatArray, found: FloatArray) -> None:
@@ -119,29 +108,22 @@ def test_a_search_ends_where_that_with_exact_products_does() -> None:
     assert end.converged[0]
     assert expected.apart(end.values[0], exact.residuals) < 1e-4
     # What is reported rests on exact products.
-    rough = JointFit(
+    rough = Optimum(
         adjoint, minimise(adjoint.gram, points[:1], adjoint, tolerance=SEARCH.compared_tolerance)
     )
     fine = rough.refined(SEARCH.reported_tolerance)
-    assert fine.joint is exact
+    assert not fine.joint.adjoint
     np.testing.assert_allclose(fine.end.gram, exact.gram(fine.end.values), rtol=1e-9)
     assert expected.apart(fine.end.values[0], exact.residuals) < 1e-4
-    np.testing.assert_array_equal(resume(exact.gram, fine.end, exact).values, fine.end.values)
+    np.testing.assert_array_equal(minimise(exact.gram, fine.end, exact).values, fine.end.values)
 
 
 def test_only_several_runs_are_searched_by_the_adjoint() -> None:
-    noise = LowPass(2)
-    for runs, kind in ((1, PredictionErrors), (2, PredictionErrors), (RUNS, AdjointErrors)):
-        joint = PredictionErrors(prediction_of(NOMINAL.model, runs), noise, BAND)
-        assert type(for_search(joint)) is kind
-    searched = for_search(joint)
-    assert searched.exact is joint
-    assert for_search(searched) is searched
+    for runs in (1, 2, RUNS):
+        assert prediction_of(NOMINAL.model, runs).is_large is (runs == RUNS)
     changing = SCENARIOS["adapting-slow"]  # has no reduced form
     recording = simulate(replace(changing, runs=RUNS), np.random.default_rng(1))
-    joint = PredictionErrors(predict(recording, changing.model, RATE), noise, BAND)
-    assert joint.prediction.model.changes
-    assert for_search(joint) is joint
+    assert not predict(recording, changing.model, RATE).is_large
 
 
 @pytest.mark.parametrize("name", ["nominal", "remnant-0.5"])
@@ -151,8 +133,7 @@ def test_what_is_reported_is_that_of_a_search_with_exact_products(
     scenario = replace(SCENARIOS[name], runs=RUNS)
     recording = simulate(scenario, np.random.default_rng(2))
     found = MLE().fit(recording, scenario.model, np.random.default_rng(3))
-    for place in ("noise", "optimum"):
-        monkeypatch.setattr(f"pilotid.time_domain.{place}.for_search", lambda joint, *_: joint)
+    monkeypatch.setattr(Prediction, "is_large", False)
     expected = MLE().fit(recording, scenario.model, np.random.default_rng(3))
     errors = np.sqrt(np.diag(expected.covariance))
     np.testing.assert_allclose((found.values - expected.values) / errors, 0.0, atol=1e-3)

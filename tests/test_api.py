@@ -12,6 +12,7 @@ import pilotid
 from pilotid import ARX, MLE, MODELS, MLEWhite, Outcome, Study, identify, simulate
 from pilotid.estimates.fitted import fit_all
 from pilotid.methods import METHODS
+from pilotid.study.table import read_study
 
 RECORDING = simulate("nominal", 3)
 
@@ -52,7 +53,7 @@ def test_a_study_is_compared_and_becomes_a_data_frame(tmp_path: Path) -> None:
     found = study.run_in(tmp_path, workers=1)
     frame = found.to_dataframe()
     assert list(frame["parameter"]) == 2 * list(MODELS["single"].keys)
-    assert study.to_dataframe(tmp_path).equals(frame)
+    assert read_study(tmp_path).to_dataframe().equals(frame)
     scores = found.to_dataframe(summary=True)
     assert list(scores["n"]) == 6 * [2]  # of each parameter, and of all
     gain = frame[frame["parameter"] == "Kvis"]["value"]

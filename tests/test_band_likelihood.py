@@ -18,7 +18,7 @@ from pilotid.methods import MLE
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.loops import pilot_on
-from pilotid.posterior.likelihood import Likelihood
+from pilotid.posterior.likelihood import Marginal
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
@@ -27,14 +27,14 @@ from pilotid.support.numbers import recording_rng
 from pilotid.support.types import FloatArray
 from pilotid.time_domain import band_likelihood
 from pilotid.time_domain.band_likelihood import (
+    OUTSIDE_WEIGHT,
     Weighting,
     closing_element,
     weighting_of,
 )
 from pilotid.time_domain.diagnostics import HIDDEN
-from pilotid.time_domain.likelihood import AdjointErrors, BinnedPrediction, PredictionErrors, binned
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import (
     Autoregressive,
     BandPass,
@@ -43,7 +43,6 @@ from pilotid.time_domain.remnant_models import (
     guess_parameters,
 )
 from pilotid.time_domain.search import maxima_from
-from pilotid.time_domain.settings import BAND
 
 pytestmark = pytest.mark.numerical
 
@@ -74,7 +73,7 @@ def banded(recording: Recording, scenario: Scenario, terms: tuple[float, ...]) -
     return replace(prediction, weighting=weighting)
 
 
-def near_truth(joint: PredictionErrors, scenario: Scenario) -> FloatArray:
+def near_truth(joint: Likelihood, scenario: Scenario) -> FloatArray:
     residual = joint.prediction.residual(scenario.values)
     remnant = guess_parameters(joint.noise, residual, joint.band)
     return np.concatenate([1.07 * scenario.values, remnant])
@@ -88,12 +87,9 @@ def test_gradients_are_those_of_differences(
 ) -> None:
     scenario, recording = recorded(runs, noise=1e-3)
     prediction = banded(recording, scenario, terms)
-    band = analysis_band(recording.dt, 50.0)
-    joint = PredictionErrors(prediction, noise, band)
+    joint = Likelihood(prediction, noise)
     values = near_truth(joint, scenario)
-    coarse = binned(prediction)
-    assert isinstance(coarse, BinnedPrediction)
-    for each in (joint, AdjointErrors(joint, coarse), PredictionErrors(coarse, noise, band)):
+    for each in (joint, Likelihood(prediction, noise, adjoint=True), joint.coarse):
         gram = each.gram(values[None])[0]
         steps = 1e-5 * np.maximum(np.abs(values), 1e-3)
         slopes = []
@@ -111,11 +107,10 @@ def test_gradients_are_those_of_differences(
 def test_the_adjoint_has_the_sum_and_the_slopes_of_the_rows(noise: NoiseModel) -> None:
     scenario, recording = recorded("nominal(runs=2)", noise=1e-3)
     prediction = banded(recording, scenario, (0.0,))
-    joint = PredictionErrors(prediction, noise, analysis_band(recording.dt, 50.0))
-    coarse = binned(prediction)
-    assert isinstance(coarse, BinnedPrediction)
+    joint = Likelihood(prediction, noise)
     values = near_truth(joint, scenario)[None]
-    exact, adjoint = joint.gram(values)[0], AdjointErrors(joint, coarse).gram(values)[0]
+    exact = joint.gram(values)[0]
+    adjoint = Likelihood(prediction, noise, adjoint=True).gram(values)[0]
     np.testing.assert_allclose(adjoint[-1], exact[-1], rtol=1e-9, atol=1e-9 * exact[-1, -1])
 
 
@@ -133,7 +128,7 @@ def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> No
     # Half the band counts, in steps, and the remnant's model nowhere else.
     share = np.where(weighting.omega < 24.0, 1.0, 0.0)
     prediction = replace(prediction, weighting=replace(weighting, share=share, control=0.0 * share))
-    joint = PredictionErrors(prediction, LowPass(2), analysis_band(recording.dt, None))
+    joint = Likelihood(prediction, LowPass(2))
     terms = prediction.band_terms
     assert terms is not None
     weights = np.zeros(omega.size)
@@ -143,7 +138,7 @@ def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> No
     signals = (recording.u, recording.e, recording.x)
     control, error, output = (np.fft.rfft(recording.window(each)[0])[1:] for each in signals)
     omega, weights = omega[1:], weights[1:]
-    described = weights + BAND.outside_weight * (1.0 - weights)
+    described = weights + OUTSIDE_WEIGHT * (1.0 - weights)
     element = scenario.element.response(omega)
 
     def whittle(values: FloatArray) -> float:
@@ -211,7 +206,7 @@ def test_what_is_not_known_of_the_element_is_in_the_intervals() -> None:
     plain = replace(weighting, element=double_integrator(4.0))
     ends = []
     for each in (louder, plain):
-        own = PredictionErrors(replace(prediction, weighting=each), joint.noise, joint.band)
+        own = Likelihood(replace(prediction, weighting=each), joint.noise)
         ends.append(minimise(own.gram, found.end.values[:1], own, tolerance=1e-13).values[0, :7])
     errors = np.sqrt(np.diag(covariance_of(found.end.gram[0, :-1, :-1], found.variance))[:7])
     moved = (ends[0] - ends[1]) / errors
@@ -221,9 +216,9 @@ def test_what_is_not_known_of_the_element_is_in_the_intervals() -> None:
     np.testing.assert_allclose(np.abs(moved), expected, atol=0.1 * expected.max())
 
 
-def with_weighting(joint: PredictionErrors, weighting: Weighting) -> PredictionErrors:
+def with_weighting(joint: Likelihood, weighting: Weighting) -> Likelihood:
     prediction = replace(joint.prediction, weighting=weighting)
-    return PredictionErrors(prediction, joint.noise, joint.band)
+    return Likelihood(prediction, joint.noise)
 
 
 def test_a_recorder_that_hides_the_pilot_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -252,8 +247,8 @@ def test_without_an_element_prediction_errors_are_direct() -> None:
 def test_samplers_have_the_same_likelihood(noise: NoiseModel) -> None:
     scenario, recording = recorded("nominal(runs=2)", noise=1e-3)
     prediction = banded(recording, scenario, (0.0,))
-    joint = PredictionErrors(prediction, noise, analysis_band(recording.dt, 50.0))
-    likelihood = Likelihood(joint)
+    joint = Likelihood(prediction, noise)
+    likelihood = Marginal(joint)
     centre = near_truth(joint, scenario)
     sets = centre * np.exp(0.01 * np.random.default_rng(1).standard_normal((12, centre.size)))
     found = likelihood.log(sets[:, : likelihood.count])

@@ -21,8 +21,8 @@ from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
 from pilotid.posterior.ensembles import Run
 from pilotid.posterior.likelihood import (
     HalfCauchy,
-    Likelihood,
     LogNormal,
+    Marginal,
     Normal,
     Posterior,
     default_prior,
@@ -30,8 +30,7 @@ from pilotid.posterior.likelihood import (
 )
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.types import FloatArray, InputError
-from pilotid.time_domain.likelihood import PredictionErrors
-from pilotid.time_domain.output_error import residual_spectra
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import analysis_band, prediction_error_filters
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
@@ -46,11 +45,11 @@ SHORT = Run(ensembles=4, walkers=24, first=150, most=1500, effective=600.0)
 
 def likelihood_of(
     noise: NoiseModel, terms: tuple[float, ...] = (), runs: int = 1, offset: float = 0.0
-) -> Likelihood:
+) -> Marginal:
     recording = simulate(replace(NOMINAL, runs=runs), np.random.default_rng(1))
     recording = replace(recording, u=recording.u + offset)
     prediction = replace(predict(recording, MULTI, 50.0), terms=terms)
-    return Likelihood(PredictionErrors(prediction, noise, analysis_band(NOMINAL.dt, 50.0)))
+    return Marginal(Likelihood(prediction, noise))
 
 
 def sets_of(noise: NoiseModel, count: int) -> FloatArray:
@@ -66,7 +65,7 @@ def test_residuals_are_those_of_the_prediction() -> None:
     values = sets_of(LowPass(0), 9)
     prediction = predict(RECORDING, MULTI, 50.0)
     expected = prediction.row_spectra(values)[:, -1]
-    found = residual_spectra(prediction, values)
+    found = prediction.residual_spectra(values)
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
@@ -74,7 +73,7 @@ def test_residuals_are_those_of_the_prediction() -> None:
 def test_a_widened_likelihood_knows_less_by_the_factor(noise: NoiseModel) -> None:
     plain = likelihood_of(noise)
     values = sets_of(LowPass(2), 5)[:, : plain.count]
-    widened = Likelihood(plain.joint, 1.25)
+    widened = Marginal(plain.joint, 1.25)
     np.testing.assert_allclose(1.25 * widened.log(values), plain.log(values), rtol=1e-12)
 
 
@@ -172,8 +171,8 @@ def test_four_fifths_of_a_prior_lie_in_the_range_of_published_values() -> None:
 def test_of_two_lags_that_may_be_exchanged_the_shorter_is_first() -> None:
     model = MODELS["precision"]
     prediction = predict(simulate(SCENARIOS["nominal"], recording_rng(1, "nominal", 0)), model, 20)
-    noise, band = LowPass(1), analysis_band(0.02, 20)
-    likelihood = Likelihood(PredictionErrors(prediction, noise, band))
+    noise = LowPass(1)
+    likelihood = Marginal(Likelihood(prediction, noise))
     posterior = Posterior(likelihood, priors_of(model, noise))
     pilot = {"tlag": 2.0, "tlaglow": 6.0, "tlead": 0.5, "tleadlow": 3.0}
     changed = dict(zip(model.keys, model.start, strict=True)) | pilot

@@ -26,7 +26,6 @@ from pilotid.recordings.files import save_recording
 from pilotid.recordings.recording import Recording
 from pilotid.support.types import InputError
 from pilotid.testing import check_estimate
-from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 
 pytestmark = pytest.mark.numerical
@@ -101,7 +100,7 @@ def test_factors_that_channels_share_unequally_often_are_applied_as_often() -> N
     sets = np.array([model.start, 1.3 * model.start])
     expected = prediction.row_spectra(sets)[:, -1]
     np.testing.assert_allclose(
-        residual_spectra(prediction, sets),
+        prediction.residual_spectra(sets),
         expected,
         rtol=1e-9,
         atol=1e-9 * np.abs(expected).max(),

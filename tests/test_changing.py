@@ -29,11 +29,9 @@ from pilotid.pilot.model import (
 )
 from pilotid.pilot.timevarying import Changing
 from pilotid.solve.least_squares import Box, minimise
-from pilotid.study.fits import truths_of
+from pilotid.study.run import truths_of
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import binned
-from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.profile import over_changes
 from pilotid.time_domain.search import maximise_likelihood
@@ -107,11 +105,13 @@ def test_a_change_by_nothing_is_the_constant_model(band: float | None) -> None:
 @pytest.mark.parametrize("band", [None, 50.0])
 def test_the_jacobian_is_that_of_finite_differences(band: float | None) -> None:
     prediction = predict(simulate(replace(SLOW, runs=2), np.random.default_rng(1)), ADAPTING, band)
-    rows = prediction.rows(SETS)
+    rows = prediction.samples_of(prediction.row_spectra(SETS))
     for values, own in zip(SETS, rows, strict=True):
         for i, slope in enumerate(own[:-1]):
             step = 1e-6 * values[i] * np.eye(len(values))[i]
-            ends = prediction.rows(np.array([values - step, values + step]))[:, -1]
+            ends = prediction.samples_of(
+                prediction.row_spectra(np.array([values - step, values + step]))
+            )[:, -1]
             found = (ends[0] - ends[1]) / (2.0 * step[i])
             assert np.max(np.abs(found - slope)) < 1e-5 * np.max(np.abs(slope)), ADAPTING.keys[i]
 
@@ -120,10 +120,12 @@ def test_a_model_of_ones_own_has_its_jacobian_too() -> None:
     recording = recording_of(SCENARIOS["nominal"])
     prediction = predict(recording, OWN, 50.0)
     values = OWN.start
-    own = prediction.rows(values[None])[0]
+    own = prediction.samples_of(prediction.row_spectra(values[None]))[0]
     for i, slope in enumerate(own[:-1]):
         step = 1e-6 * max(values[i], 0.1) * np.eye(len(values))[i]
-        ends = prediction.rows(np.array([values - step, values + step]))[:, -1]
+        ends = prediction.samples_of(
+            prediction.row_spectra(np.array([values - step, values + step]))
+        )[:, -1]
         found = (ends[0] - ends[1]) / (2.0 * step[i])
         # The lead does not change at the start: nothing depends on when.
         size = max(float(np.max(np.abs(slope))), 1e-6)
@@ -133,12 +135,12 @@ def test_a_model_of_ones_own_has_its_jacobian_too() -> None:
 def test_all_ways_to_the_residual_agree() -> None:
     prediction = predict(simulate(replace(SLOW, runs=2), np.random.default_rng(1)), ADAPTING, 50.0)
     spectra = prediction.row_spectra(SETS)[:, -1]
-    np.testing.assert_allclose(residual_spectra(prediction, SETS), spectra, atol=1e-9)
+    np.testing.assert_allclose(prediction.residual_spectra(SETS), spectra, atol=1e-9)
     for values, own in zip(SETS, spectra, strict=True):
         np.testing.assert_allclose(
             prediction.residual(values), prediction.samples_of(own), atol=1e-12
         )
-    assert binned(prediction) is prediction
+    assert prediction.binned is prediction
     second = prediction.of_runs([1])
     np.testing.assert_allclose(second.row_spectra(SETS)[:, -1], spectra[:, 1:], atol=1e-12)
 
@@ -236,7 +238,7 @@ def bound() -> FloatArray:
 def test_bounds_of_four_runs_are_half_those_of_one(
     bound: FloatArray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert [t.bound for t in truths_of(BOUNDED)] == pytest.approx(bound.tolist(), rel=1e-3)
+    assert [bound for *_, bound in truths_of(BOUNDED)] == pytest.approx(bound.tolist(), rel=1e-3)
     # As many runs as one for each recording.
     monkeypatch.setattr(experiments, "RECORDINGS", RECORDINGS // 4)
     ratio = bound_of(replace(BOUNDED, runs=4)) / bound

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from copy import deepcopy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -20,7 +19,7 @@ from pilotid.bounds import bounds
 from pilotid.datasets import scenario_named
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.forcing import Multisine, paper_target
-from pilotid.datasets.remnant import TabulatedRemnant
+from pilotid.datasets.named import fitted_scenario
 from pilotid.designing.design import (
     FLOOR,
     LINE,
@@ -38,7 +37,7 @@ from pilotid.methods import method_named
 from pilotid.pilot.catalogue import MULTI
 from pilotid.pilot.element import element_named
 from pilotid.support.types import FloatArray, InputError
-from pilotid.time_domain.settings import PROFILE
+from pilotid.time_domain.settings import BARTLETT_SECONDS
 
 pytestmark = pytest.mark.numerical
 
@@ -51,11 +50,11 @@ def made(minimise: str = "A", limit: float = 2.0) -> Design:
 def test_errors_are_the_bounds_of_the_designs_scenario() -> None:
     found = made()
     scenario = found.scenario
-    short = 1.0 + PROFILE.bartlett_seconds / scenario.duration
+    short = 1.0 + BARTLETT_SECONDS / scenario.duration
     for own, errors in ((scenario, found.errors), (found.reference, found.reference_errors)):
         bound = np.sqrt(short * np.diag(bounds(experiment_of(own)).low_pass)) / own.values
         np.testing.assert_allclose(list(errors.values()), bound, rtol=1e-5)
-    short = 1.0 + PROFILE.bartlett_seconds / (5 * scenario.duration)
+    short = 1.0 + BARTLETT_SECONDS / (5 * scenario.duration)
     five = bounds(experiment_of(replace(scenario, runs=5))).low_pass
     expected = np.sqrt(short * np.diag(five)) / scenario.values
     np.testing.assert_allclose(list(found.five_runs.values()), expected, rtol=1e-5)
@@ -149,46 +148,31 @@ def test_the_reference_is_the_users_own_experiment(tmp_path: Path) -> None:
     target = paper_target().scaled(2.0).with_random_phases(np.random.default_rng(1))
     own = replace(NOMINAL, target=target, runs=2, dt=0.04, units=(("x", "m"),))
     recording = pilotid.simulate(own, 3)
-    element = chosen_element(recording, element_named("5/s^2"))
-    fitted: Any = fit_all(recording, MULTI, {"mle": method_named("mle")}, 1, element).to_dict()
+    element = chosen_element(recording, element_named("4/s^2"))
+    fitted = fit_all(recording, MULTI, {"mle": method_named("mle")}, 1, element)
+    entry: Any = {**fitted.to_dict(), "scenario": fitted_scenario(fitted)}
     file = tmp_path / "estimates.json"
 
-    def read(*entries: object, scenario: pilotid.Scenario | None = None) -> pilotid.Scenario:
-        file.write_text(json.dumps(entries))
+    def read(entry: object, scenario: pilotid.Scenario | None = None) -> pilotid.Scenario:
+        file.write_text(json.dumps(entry))
         return scenario_of_fit(file, scenario)
 
-    found, estimate = read(fitted), fitted["estimates"][0]
+    found, estimate = read(entry), entry["estimates"][0]
     assert sines_of(found).keys() == sines_of(own).keys()
     for name, sines in sines_of(found).items():
         time = np.arange(0.0, 10.0)
         np.testing.assert_allclose(sines.at(time), sines_of(own)[name].at(time), atol=1e-6)
     assert (found.runs, found.dt, found.run_in) == (2, 0.04, 8.0)
-    assert found.element.name == "5/s^2"
-    assert found.units == (("x", "m"),)
+    assert found.element.name == "4/s^2"
+    assert dict(found.units)["x"] == "m"
     assert found.truth[2] == estimate["parameters"]["tdvis"]["value"]
-    assert found.remnant.level == estimate["remnant"]["power_ratio"]
-    named = read(fitted, scenario=NOMINAL)
+    named = read(entry, NOMINAL)
     assert (named.target, named.runs, named.truth) == (NOMINAL.target, 1, found.truth)
-
-    free = deepcopy(fitted)
-    free["estimates"][0]["remnant"]["model"] = "AR(2)"
-    tabulated = read(free)
-    known = estimate["remnant"]["omega"]
-    assert isinstance(tabulated.remnant, TabulatedRemnant)
-    power = np.abs(tabulated.remnant.filter(np.array(known))) ** 2
-    np.testing.assert_allclose(power, estimate["remnant"]["density"])
-    assert (tabulated.remnant.coefficients, tabulated.remnant.band) == (2, max(known))
-    with pytest.raises(InputError):
-        read(fitted, fitted)
-    for part, entries in (
-        (fitted["recording"], ["forcing"]),
-        (estimate, ["loops", "remnant", "parameters"]),
-    ):
-        for entry in entries:
-            kept = part.pop(entry)
-            with pytest.raises(InputError):
-                read(fitted)
-            part[entry] = kept
+    for broken in ([entry, entry], {**entry, "scenario": None}):
+        with pytest.raises(InputError):
+            read(broken)
+    white = fit_all(recording, MULTI, {"mle-white": method_named("mle-white")}, 1)
+    assert fitted_scenario(white) is None
 
 
 def test_the_command_writes_what_others_read(tmp_path: Path, run: Run) -> None:

@@ -42,11 +42,11 @@ ALWAYS = (
     ("u late 20 ms", "u", "late-signal", 0.02, 0.001),
     ("u early 100 ms", "u", "late-signal", -0.1, 0.002),
     ("x late a sample", "x", "late-signal", 0.02, 0.0005),
-    ("ft late a sample", "ft", "late-forcing", 0.02, 0.0005),
+    ("ft late a sample", "ft", "late-signal", 0.02, 0.0005),
     ("e late a sample", "e", "late-signal", 0.02, 0.0005),
     ("e, x, ft late a sample", "x", "late-signal", 0.02, 0.001),
     ("e = ft - filtered x", "x", "late-signal", 0.045, 0.003),
-    ("fd late a sample", "fd", "late-forcing", 0.02, 0.002),
+    ("fd late a sample", "fd", "late-signal", 0.02, 0.002),
     ("u causal 10 Hz", "u", "late-signal", 0.036, 0.002),
     ("all zero-phase 3 Hz", "u", "low-pass", 2.6, 0.4),
     ("u zero-phase 3 Hz", "u", "low-pass", 2.6, 0.4),
@@ -56,7 +56,7 @@ ALWAYS = (
     ("0.1 % of x lost", "x", "lost-samples", 5.0, 5.0),
     ("u includes fd", "u", "includes-fd", 0.0, 0.01),
     ("u times 1.1", "u", "gain-differs", 1.1, 0.01),
-    ("a run copied", "u", "copied-run", 1.0, 0.0),
+    ("a run copied", "u", "repeated-samples", 1.0, 0.0),
 )
 
 
@@ -166,14 +166,14 @@ def test_copies_are_found_among_recordings_and_nothing_else() -> None:
     every = [*others, replace(others[2], x=-others[2].x), replace(others[1], u=-others[1].u)]
     said = copies_among([*"abcdef"], [fingerprints(r) for r in every])
     assert {i: [(r.code, r.grade) for r in told] for i, told in said.items()} == {
-        i: [("copied-run", "wrong")] for i in (2, 4)
+        i: [("repeated-samples", "wrong")] for i in (2, 4)
     }
 
 
 def test_the_third_run_that_copies_the_first_is_named() -> None:
     runs = simulate(replace(SCENARIOS["nominal"], runs=3), np.random.default_rng(7))
-    assert not [f for f in findings(runs) if f.code == "copied-run"]
-    found = of(replace(runs, u=runs.u[[0, 1, 0]]), "u", "copied-run")
+    assert not [f for f in findings(runs) if f.code == "repeated-samples"]
+    found = of(replace(runs, u=runs.u[[0, 1, 0]]), "u", "repeated-samples")
     assert "runs 1 and 3" in found.sentence
 
 

@@ -31,6 +31,7 @@ SHOWN = {
         "guide/people.md",
         "guide/start.md",
         "posterior.md",
+        "theory/pipeline.md",
     },
     "matlab": {"guide/matlab.md"},
     "bibtex": {"references.md"},
@@ -168,6 +169,9 @@ def test_the_pipeline_is_where_its_page_says() -> None:
         code = (ROOT / "src/pilotid" / file).read_text("utf-8")
         for name in re.findall(r"`(\w+)`", names):
             assert re.search(rf"(?m)^(def|class) {name}\b", code), f"{file}: no {name}"
+    drawn = {"prepare", "prediction", "band_likelihood", "likelihood", "search", "profile"}
+    assert drawn <= {file[12:-3] for file, _ in rows}
+    assert drawn <= set(re.findall(r"\w+", text.split("```")[1]))
     for file in re.findall(r"`((?:solve|lines|time_domain)/\w+\.py)`", text):
         assert (ROOT / "src/pilotid" / file).exists(), file
 

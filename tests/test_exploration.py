@@ -10,23 +10,24 @@ from helpers import (
     NOMINAL,
     PILOTS,
     fit_of,
+    minima_at,
     without_remnant,
 )
 
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.remnant import Remnant
+from pilotid.estimates.estimate import Starts
 from pilotid.lines.fit import fit_lines
 from pilotid.methods.mle import MLE
 from pilotid.pilot.element import position_control
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.intervals import profile_intervals
-from pilotid.solve.least_squares import Minima, minimise
+from pilotid.solve.least_squares import minimise
 from pilotid.support.numbers import recording_rng
 from pilotid.support.types import FloatArray
-from pilotid.time_domain import likelihood as reduction
-from pilotid.time_domain.likelihood import binned
-from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain import prediction as reduction
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import (
@@ -35,7 +36,6 @@ from pilotid.time_domain.remnant_models import (
     criterion,
 )
 from pilotid.time_domain.search import (
-    Swept,
     edge_information,
     first_fit,
     lines_pilot,
@@ -45,7 +45,7 @@ from pilotid.time_domain.search import (
     sweep,
     together,
 )
-from pilotid.time_domain.settings import PROFILE, SEARCH
+from pilotid.time_domain.settings import BARTLETT_SECONDS, SEARCH
 
 pytestmark = pytest.mark.numerical
 
@@ -57,9 +57,12 @@ def prediction_of(scenario: Scenario, seed: int = 1) -> Prediction:
     return predict(recording, scenario.model, BAND)
 
 
-def swept(recording: Recording, model: PilotModel, seed: int, known: FloatArray | None) -> Swept:
+def swept(
+    recording: Recording, model: PilotModel, seed: int, known: FloatArray | None
+) -> tuple[FloatArray, Starts]:
     rng = np.random.default_rng(seed)
-    return sweep(first_fit(recording, model, rng, MLE(wide=()), known), rng, MLE(), known)
+    first = first_fit(recording, model, MLE(wide=()), known, rng)
+    return sweep(first, rng, MLE(), known)[:2]
 
 
 def test_without_groups_the_reduction_is_the_windowed_transform(
@@ -79,13 +82,13 @@ def test_without_groups_the_reduction_is_the_windowed_transform(
     for response, signal in zip(NOMINAL.model.responses(s, values[0]), bins[:-1], strict=True):
         left -= response * signal
     expected = 2.0 / scored * np.sum(np.abs(left[:, 2:]) ** 2)
-    found = OutputErrors(binned(prediction)).gram(values)[0, -1, -1]
+    found = Likelihood(prediction.binned).gram(values)[0, -1, -1]
     assert found == pytest.approx(expected, rel=0.02)
 
 
 def test_the_reduction_costs_the_same_for_any_length_and_number_of_runs() -> None:
-    short = binned(prediction_of(NOMINAL))
-    long = binned(prediction_of(replace(NOMINAL, duration=4.0 * NOMINAL.duration, runs=5)))
+    short = prediction_of(NOMINAL).binned
+    long = prediction_of(replace(NOMINAL, duration=4.0 * NOMINAL.duration, runs=5)).binned
     assert long.control_spectrum.size < 1.5 * short.control_spectrum.size
     assert short.s.size < 200
     assert long.samples > 15 * short.samples
@@ -97,14 +100,14 @@ def test_lines_whose_fit_went_astray_do_not_lead_the_search_astray() -> None:
     model = NOMINAL.model.with_start(start)
     astray = np.array([1.5e4, 0.016, 1.0, 0.013, 1.0, 12.1, 0.02])
     recording = simulate(NOMINAL, recording_rng(1, "nominal", 154))
-    found = swept(recording, model, 1, astray[None])
-    np.testing.assert_allclose(found.candidates[0][2:], NOMINAL.values[2:], rtol=0.3)
+    candidates, _ = swept(recording, model, 1, astray[None])
+    np.testing.assert_allclose(candidates[0][2:], NOMINAL.values[2:], rtol=0.3)
 
 
 def test_the_reduction_has_its_optimum_where_the_pilot_is() -> None:
     prediction = prediction_of(without_remnant(NOMINAL))
-    coarse = binned(prediction)
-    end = minimise(OutputErrors(coarse).gram, 1.2 * NOMINAL.values[None], NOMINAL.model)
+    coarse = prediction.binned
+    end = minimise(Likelihood(coarse).gram, 1.2 * NOMINAL.values[None], NOMINAL.model)
     gain, lead, *others = end.values[0] / NOMINAL.values
     np.testing.assert_allclose([gain * lead, *others], 1.0, atol=0.05)  # the two trade off
     below = coarse.below(10.0)
@@ -115,29 +118,22 @@ def test_the_reduction_has_its_optimum_where_the_pilot_is() -> None:
 def test_optima_are_told_apart_by_the_information() -> None:
     costs = np.array([100.0, 100.01, 101.0, 130.0])
     values = np.array([[0.0, 0.0], [0.01, 0.0], [0.0, 3.0], [5.0, 5.0]])
-    gram = np.tile(np.diag([100.0, 100.0, 100.0]), (4, 1, 1))
-    ends = Minima(values, costs, np.ones(4, dtype=bool), gram, 5)
+    ends = minima_at(values, costs, 100.0)
     kept, agreeing = optima(ends, samples=100, far=10.0)
     np.testing.assert_array_equal(kept, [[0.0, 0.0], [0.0, 3.0]])  # the last is too far
     assert agreeing == 2
     assert together(ends, samples=100) == [[0, 1], [2], [3]]
     assert together(ends.only(np.array([2, 1, 0])), samples=100) == [[0], [1, 2]]
-    many = Minima(
-        np.arange(20.0)[:, None] * 9.0,
-        np.full(20, 1.0),
-        np.ones(20, dtype=bool),
-        np.tile(np.eye(2), (20, 1, 1)),
-        5,
-    )
-    assert len(optima(many, samples=100, far=1.0)[0]) == SEARCH.max_candidates
+    many = minima_at(np.arange(20.0)[:, None] * 9.0, np.ones(20))
+    assert len(optima(many, samples=100, far=1.0)[0]) == 5
 
 
 def test_the_sweep_finds_the_pilot_from_a_start_that_is_nobodys() -> None:
-    found = swept(simulate(NOMINAL, np.random.default_rng(1)), NOMINAL.model, 1, None)
-    best = found.candidates[0]
+    recording = simulate(NOMINAL, np.random.default_rng(1))
+    (best, *_), starts = swept(recording, NOMINAL.model, 1, None)
     delays = list(NOMINAL.model.delays)
     np.testing.assert_allclose(best[delays], NOMINAL.values[delays], rtol=0.1)
-    assert 1 <= found.starts.agreeing <= len(found.starts.cost)
+    assert 1 <= starts.agreeing <= len(starts.cost)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -147,9 +143,9 @@ def test_one_optimum_that_many_starts_end_in_does_not_crowd_out_the_others(seed:
     scenario = scenario_named("population-usual").drawn(rng)
     recording = simulate(scenario, rng)
     known = fit_lines(recording, scenario.model, np.random.default_rng(seed)).values[None]
-    found = swept(recording, scenario.model, seed, known)
+    candidates, _ = swept(recording, scenario.model, seed, known)
     delay = scenario.model.keys.index("tdvis")
-    off = np.abs(found.candidates[:, delay] - scenario.truth[delay])
+    off = np.abs(candidates[:, delay] - scenario.truth[delay])
     assert off[0] > 0.1, "the recording is no longer one on which the best start is wrong"
     assert off.min() < off[0]
 
@@ -188,8 +184,8 @@ def test_every_start_is_judged_in_one_band(seed: int) -> None:
     """The band follows from the forcing lines, not from where a search ended."""
     recording = simulate(replace(position_pilot(), dt=0.01), np.random.default_rng(1))
     model, rng = position_pilot().model, np.random.default_rng(seed)
-    first = first_fit(recording, model, rng, MLE(), lines_pilot(recording, model, rng))
-    assert first.band == analysis_band(0.01, 120.0)
+    first = first_fit(recording, model, MLE(), lines_pilot(recording, model, rng), rng)
+    assert first.joint.band == analysis_band(0.01, 120.0)
     near, far = maxima_from(recording, model, MLE(), model.start * np.array([[1.0], [1.3]]))
     assert near.joint.band == far.joint.band
 
@@ -216,7 +212,7 @@ def test_short_recordings_have_wider_intervals() -> None:
     prediction = found.joint.prediction
     seconds = prediction.scored * prediction.dt
     assert 81.0 < seconds < 83.0
-    assert found.variance_factor == pytest.approx(1.0 + PROFILE.bartlett_seconds / seconds)
+    assert found.variance_factor == pytest.approx(1.0 + BARTLETT_SECONDS / seconds)
 
 
 def test_a_profile_that_comes_upon_a_better_optimum_says_where() -> None:
@@ -240,12 +236,12 @@ def test_a_profile_that_comes_upon_a_better_optimum_says_where() -> None:
         return result
 
     start = np.zeros((1, 2))
-    minimum = Minima(start, gram(start)[:, -1, -1], np.ones(1, dtype=bool), gram(start), 1)
+    minimum = replace(minima_at(start, np.ones(1)), gram=gram(start))
     profile = profile_intervals(gram, Line(), minimum, 1.0, 2)
     assert profile.better is not None
     assert profile.better[0] > 1.0
     there = np.array([[2.0, 0.0]])
-    lower = Minima(there, gram(there)[:, -1, -1], np.ones(1, dtype=bool), gram(there), 1)
+    lower = replace(minima_at(there, np.ones(1)), gram=gram(there))
     assert profile_intervals(gram, Line(), lower, 1.0, 2).better is None
 
 

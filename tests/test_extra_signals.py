@@ -107,7 +107,7 @@ def test_an_extra_signal_is_treated_like_all_others() -> None:
     spiky = recording.extra["x2"].copy()
     spiky[0, 2000] = 1e3
     told = remarks(recording.with_arrays({"x2": spiky}))
-    assert any(remark.code == "spike" and remark.startswith("x2 is") for remark in told)
+    assert any(remark.code == "lost-samples" and remark.startswith("x2 is") for remark in told)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".mat"])

@@ -6,14 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, fit_of, without_remnant
+from helpers import NOMINAL, fit_of, minima_at, without_remnant
 
 from pilotid.datasets import simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.lines.fit import fit_lines
 from pilotid.methods.mle import MLE
-from pilotid.solve.least_squares import Minima
-from pilotid.time_domain.likelihood import binned
 from pilotid.time_domain.optimum import Candidates
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import analysis_band
@@ -29,7 +27,7 @@ IDLE = np.concatenate([[1e-3 * TRUTH[0]], TRUTH[1:3], [1e-3 * TRUTH[3]], TRUTH[4
 
 def following(known: np.ndarray[tuple[int, ...], np.dtype[np.float64]] | None) -> Candidates:
     recording = simulate(NOMINAL, np.random.default_rng(1))
-    return Candidates(binned(predict(recording, NOMINAL.model, 50.0)), known)
+    return Candidates(predict(recording, NOMINAL.model, 50.0).binned, known)
 
 
 def test_the_lines_alone_tell_the_pilot_where_there_is_no_remnant() -> None:
@@ -66,14 +64,10 @@ def test_who_explains_far_less_than_the_lines_pilot_does_not_follow() -> None:
 def test_ends_that_do_not_follow_are_left_out_unless_none_does() -> None:
     judged = following(TRUTH[None])
     sets = np.array([IDLE, TRUTH])
-    ends = Minima(
-        sets, np.array([1.0, 2.0]), np.ones(2, dtype=bool), np.tile(np.eye(8), (2, 1, 1)), 3
-    )
-    kept = judged.only(ends)
-    np.testing.assert_array_equal(kept.values, [TRUTH])
-    np.testing.assert_array_equal(kept.cost, [2.0])
+    ends = minima_at(sets, np.array([1.0, 2.0]))
+    np.testing.assert_array_equal(judged.which(ends), [1])
     none = replace(ends, values=np.array([IDLE, IDLE]))
-    assert judged.only(none) is none
+    np.testing.assert_array_equal(judged.which(none), [0, 1])
 
 
 def test_an_optimum_that_is_no_pilot_did_not_converge(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.pilot.catalogue import SINGLE
-from pilotid.study.store import Store
+from pilotid.study.table import Store
 
 HERE = Path(__file__).parent
 RECORDING = simulate(scenario_named("single"), np.random.default_rng(1))
@@ -131,6 +131,6 @@ def test_a_study_of_hostile_methods_ends_with_its_report(tmp_path: Path) -> None
 def rows(folder: Path) -> dict[str, tuple[str, str]]:
     """Outcome and message by method; they are the same for all replications."""
     with Store(folder) as store:
-        found = {(r.unit.method, r.outcome, r.message) for r in store.results()}
+        found = {(fit.method, fit.outcome, fit.message) for fit in store.fits()}
     assert len(found) == len({method for method, *_ in found})
     return {method: (outcome, message) for method, outcome, message in found}

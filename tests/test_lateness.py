@@ -50,7 +50,7 @@ def test_noise_that_is_in_u_and_not_in_x_makes_no_other_element() -> None:
 @pytest.mark.parametrize("signal", ["x", "ft", "e"])
 def test_the_cure_of_a_signal_that_is_late_against_the_error_mends_it(signal: str) -> None:
     late = FAULTS[f"{signal} late a sample"](simulate(SCENARIOS["nominal"], _rng(3)), _rng(0))
-    (found,) = (f for f in findings(late) if f.code in ("late-signal", "late-forcing"))
+    (found,) = (f for f in findings(late) if f.code == "late-signal")
     assert found.signal == signal
     cured = replace(late, **{signal: shifted(getattr(late, signal), late.dt, found.size)})
 
@@ -76,7 +76,7 @@ def test_with_a_zero_in_the_element_a_late_control_is_named_and_a_sound_one_is_n
 def test_of_a_late_disturbance_the_control_is_not_blamed(number: int) -> None:
     late = FAULTS["fd late a sample"](of_zero(number), _rng(0))
     (found,) = (f for f in findings(late) if f.grade != "note")
-    assert (found.code, found.signal) == ("late-forcing", "fd")
+    assert (found.code, found.signal) == ("late-signal", "fd")
     assert found.size == pytest.approx(late.dt, abs=1e-3)
 
 
@@ -157,9 +157,9 @@ def test_rounding_holds_no_samples_and_lost_ones_are_found() -> None:
     row = coarse.window(coarse.e)[0]
     longest = max(np.diff(np.flatnonzero(np.diff(row))))
     assert longest * coarse.dt > 0.3
-    assert "held-samples" not in codes(coarse)
+    assert "lost-samples" not in codes(coarse)
     fine = rounded(0.01, "e")(replace(sound, ft=None, fd=None), _rng(0))
-    assert "held-samples" in codes(FAULTS["gap of 1 s, last"](fine, _rng(5)))
+    assert "lost-samples" in codes(FAULTS["gap of 1 s, last"](fine, _rng(5)))
 
 
 @pytest.mark.parametrize("number", [2001, 2003, 2009])

@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from pandas import DataFrame, concat
 
-from pilotid.analysis.cross_validation import (
-    LeftOut,
-    log_likelihood,
-    predict_left_out,
-    rank_methods,
-)
-from pilotid.analysis.recordings import Part, alone, without
-from pilotid.analysis.report_tables import left_out_table
 from pilotid.datasets import SCENARIOS, simulate
+from pilotid.experiment.cross_validation import log_likelihood, predict_left_out, ranked
+from pilotid.experiment.files import alone, without
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.recordings.recording import Recording
 
@@ -30,11 +24,9 @@ def recording() -> Recording:
     return simulate(replace(SINGLE, runs=4), np.random.default_rng(5))
 
 
-def line(method: str, run: int, likelihood: float, vaf: float = 80.0, file: str = "a") -> LeftOut:
-    part = Part((Path("/secret/place") / f"{file}.mat",), (("subject", file), ("condition", "C1")))
-    usable = math.isfinite(likelihood)
-    outcome = "converged" if usable else "crashed"
-    return LeftOut(part, run, "single", method, outcome, usable, vaf, likelihood, 0.1)
+def rows(method: str, likelihoods: list[float], vaf: float = 80.0) -> DataFrame:
+    known = {"file": "a", "run": [1, 2, 3], "model": "single", "method": method}
+    return DataFrame({**known, "vaf": vaf, "log_likelihood": likelihoods})
 
 
 def test_a_run_and_the_others_make_the_recording(recording: Recording) -> None:
@@ -77,35 +69,26 @@ def test_scaled_signals_shift_all_likelihoods_alike(recording: Recording) -> Non
 def test_every_run_is_predicted_by_the_others(recording: Recording) -> None:
     (found,) = predict_left_out(recording, SINGLE.model, {"mine": MLEWhite()}, 3, 1)
     assert found["method"] == "mine"
-    assert found["usable"] is True
+    assert found["outcome"] == "converged"
     vaf = found["vaf"]
     assert isinstance(vaf, float)
     assert 40.0 < vaf < 100.0
 
 
 def test_methods_are_ranked_by_pairs_of_runs() -> None:
-    lines = [line("good", run, 100.0 + run, 80.0 + run) for run in (1, 2, 3)]
-    lines += [line("bad", run, 100.0 + run - own) for run, own in ((1, 4.0), (2, 5.0), (3, 6.0))]
-    lines += [line("lost", run, math.nan, math.nan) for run in (1, 2, 3)]
-    good, bad, lost = rank_methods(lines)
-    assert (good.method, good.behind[0], good.runs, good.failed) == ("good", 0.0, 3, 0)
-    assert good.vaf[0] == pytest.approx(82.0)
-    assert good.vaf[1] == pytest.approx(1.0 / math.sqrt(3.0))
-    assert bad.behind == pytest.approx((-5.0, 1.0 / math.sqrt(3.0)))
-    assert (lost.method, lost.failed) == ("lost", 3)
-    assert math.isnan(lost.behind[0])
+    lost = rows("lost", [math.nan] * 3).assign(vaf=math.nan)
+    found = ranked(
+        concat([lost, rows("bad", [97.0, 97.0, 97.0]), rows("good", [101.0, 102.0, 103.0])])
+    )
+    assert [*found["method"]] == ["good", "bad", "lost"]
+    assert [*found["failed"]] == [0, 0, 3]
+    good, bad, lost = found.itertuples()
+    assert (good.behind, good.vaf) == (0.0, 80.0)
+    assert (bad.behind, bad.behind_error) == pytest.approx((-5.0, 1.0 / math.sqrt(3.0)))
+    assert math.isnan(lost.behind)
 
 
 def test_a_method_that_fails_once_costs_the_others_that_run_alone() -> None:
-    lines = [line("a", run, 10.0) for run in (1, 2, 3)]
-    lines += [line("b", run, math.nan if run == 2 else 12.0) for run in (1, 2, 3)]
-    first, second = rank_methods(lines)
-    assert (first.method, first.failed) == ("b", 1)
-    assert second.behind[0] == pytest.approx(-2.0)
-
-
-def test_the_table_has_the_likeliest_first() -> None:
-    lines = [line(m, n, 10.0 - (m == "worse")) for n in (1, 2) for m in ("worse", "better")]
-    found = left_out_table(lines)
-    place = found.columns.index("method")
-    assert [row[place] for row in found.rows] == ["better", "worse"]
+    found = ranked(concat([rows("a", [10.0] * 3), rows("b", [12.0, math.nan, 12.0])]))
+    assert [*found["method"]] == ["b", "a"]
+    assert found["behind"][1] == pytest.approx(-2.0)

@@ -8,21 +8,19 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from stores import KEYS, drawn, finish
+from stores import KEYS, comparison, drawn, failed, finish
 
 from pilotid.study import scores
-from pilotid.study.comparison import ALL, Comparison, MethodResults, comparison_of, loss_ratios
-from pilotid.study.judge import judge
-from pilotid.study.store import ParameterTruth, Result, ScenarioEntry, Store, Unit
+from pilotid.study.judge import Verdict, judge
+from pilotid.study.scores import ALL, LOSS, loss_ratios
+from pilotid.study.table import Comparison, Fit, Store
 from pilotid.support.types import FloatArray
 
 Row = Mapping[str, str]
-ENTRY = ScenarioEntry(
-    "one", 0, "words", "single", {}, tuple(ParameterTruth(k, "s", 1.5, 0.1) for k in KEYS)
-)
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -30,23 +28,30 @@ def rows_of(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def cell_of(
-    errors: FloatArray, claims: float = 1.0, *, failed: Sequence[int] = (), method: str = "m"
-) -> MethodResults:
-    """A method whose errors are given in bounds, shape (fits, parameters), as its claim is."""
-    results = []
+def fits_of(errors: FloatArray, claims: float = 1.0, *, lost: Sequence[int] = ()) -> list[Fit]:
+    """Fits whose errors are given in bounds, shape (fits, parameters), as their claim is."""
+    fits = []
     for replication, row in enumerate(errors):
-        values = [1.5 + 0.1 * error for error in row]
         reach = 0.1 * claims
         parts = tuple(
-            (k, v, reach, v - 1.959964 * reach, v + 1.959964 * reach)
-            for k, v in zip(KEYS, values, strict=True)
+            (k, "s", 1.5, 0.1, v, reach, v - 1.959964 * reach, v + 1.959964 * reach)
+            for k, v in zip(KEYS, (1.5 + 0.1 * row).tolist(), strict=True)
         )
-        good = replication not in failed
-        outcome = "converged" if good else "diverged"
-        unit = Unit("one", method, replication)
-        results.append(Result(unit, outcome, "", good, estimates=parts, seconds=0.1))
-    return MethodResults(ENTRY, method, tuple(results))
+        own = Fit("one", "m", replication, "converged", "", True, model="single", estimates=parts)
+        fits.append(failed(own, "diverged") if replication in lost else own)
+    return fits
+
+
+def study_of(errors: FloatArray, claims: float = 1.0, *, lost: Sequence[int] = ()) -> Comparison:
+    return comparison(fits_of(errors, claims, lost=lost))
+
+
+def overall(study: Comparison) -> Any:
+    return study.scores.iloc[0]
+
+
+def verdict(study: Comparison) -> Verdict:
+    return judge(study.scored("one", "m"))
 
 
 def normal(count: int, seed: int = 1, scale: float = 1.0) -> FloatArray:
@@ -74,54 +79,58 @@ def test_an_exact_efficient_estimator_scores_4_676_bounds() -> None:
 
 
 def test_bias_scatter_and_wrong_claims_all_cost() -> None:
-    exact = cell_of(normal(4000)).overall.loss
-    assert exact.value == pytest.approx(1.0, abs=0.02)
-    assert exact.lower < 1.0 < exact.upper
+    exact = overall(study_of(normal(4000)))
+    assert exact.loss == pytest.approx(1.0, abs=0.02)
+    assert exact.loss_lower < 1.0 < exact.loss_upper
     for worse in (
-        cell_of(normal(4000) + 0.5),
-        cell_of(normal(4000, scale=1.3)),
-        cell_of(normal(4000), claims=0.7),
-        cell_of(normal(4000), claims=1.4),
+        study_of(normal(4000) + 0.5),
+        study_of(normal(4000, scale=1.3)),
+        study_of(normal(4000), claims=0.7),
+        study_of(normal(4000), claims=1.4),
     ):
-        assert worse.overall.loss.lower > 1.05
+        assert overall(worse).loss_lower > 1.05
 
 
 def test_a_failure_is_charged_with_zero_to_twice_the_truth() -> None:
-    errors = np.zeros((10, len(KEYS)))
-    cell = cell_of(errors, failed=(3, 7))
+    found = overall(study_of(np.zeros((10, len(KEYS))), lost=(3, 7)))
     hit, charge = 2.0 * scores.Z95 / scores.EFFICIENT, 2.0 * 1.5 / (scores.EFFICIENT * 0.1)
-    assert cell.overall.loss.value == pytest.approx(0.8 * hit + 0.2 * charge)
-    assert cell.overall.loss_ended_well == pytest.approx(hit)
-    assert cell.overall.failures == 2
+    assert found.loss == pytest.approx(0.8 * hit + 0.2 * charge)
+    assert found.loss_ended_well == pytest.approx(hit)
+    assert found.failures == 2
 
 
 def test_standard_errors_stand_in_for_intervals_and_without_both_there_is_no_loss() -> None:
-    cell = cell_of(normal(50))
-    without = [
-        replace(r, estimates=tuple((*e[:3], None, None) for e in r.estimates)) for r in cell.results
-    ]
-    bare = replace(cell, results=tuple(without))
-    assert bare.overall.loss == pytest.approx(cell.overall.loss)
-    silent = [
-        replace(r, estimates=tuple((*e[:2], None, None, None) for e in r.estimates))
-        for r in cell.results
-    ]
-    mute = replace(cell, results=tuple(silent))
-    assert math.isnan(mute.overall.loss.value)
-    assert mute.overall.ratio.value == pytest.approx(cell.overall.ratio.value)
-    assert judge(mute.scores).grade == "unscored"
+    def without(*kept: int) -> Comparison:
+        return comparison(
+            replace(fit, estimates=tuple(
+                tuple(x if i in kept else None for i, x in enumerate(row)) for row in fit.estimates
+            ))
+            for fit in fits
+        )  # fmt: skip
+
+    fits = fits_of(normal(50))
+    whole, bare, mute = (overall(without(*range(n))) for n in (8, 6, 5))
+    assert bare[[*LOSS]].tolist() == pytest.approx(whole[[*LOSS]].tolist())
+    assert math.isnan(mute.loss)
+    assert mute.rmse_over_bound == pytest.approx(whole.rmse_over_bound)
+    assert verdict(without(*range(5))).grade == "unscored"
 
 
-def test_a_recording_that_a_method_objects_to_is_no_try() -> None:
-    cell = cell_of(normal(20))
-    refused = [replace(r, outcome="not-applicable", usable=False, estimates=())
-               for r in cell.results]  # fmt: skip
-    assert judge(replace(cell, results=tuple(refused)).scores).grade == "not applicable"
-    mixed = replace(cell, results=(*cell.results[:15], *refused[15:]))
-    assert mixed.overall.loss == pytest.approx(
-        replace(cell, results=cell.results[:15]).overall.loss
-    )
-    assert (mixed.overall.objections, mixed.overall.tried) == (5, 15)
+def test_an_objection_to_all_recordings_is_no_try_and_to_some_a_failure() -> None:
+    fits = fits_of(normal(20))
+    refused = [failed(fit, "not-applicable") for fit in fits]
+    assert verdict(comparison(refused)).grade == "not applicable"
+    mixed = overall(comparison([*fits[:15], *refused[15:]]))
+    lost = overall(comparison([*fits[:15], *(failed(fit) for fit in fits[15:])]))
+    assert mixed[[*LOSS]].tolist() == lost[[*LOSS]].tolist()
+    assert (mixed.not_applicable, mixed.recordings, mixed.failures) == (0, 20, 5)
+
+
+def test_no_interval_is_charged_beyond_zero_and_twice_the_truth() -> None:
+    wide = overall(study_of(normal(20), claims=100.0))
+    assert wide.loss == pytest.approx(3.0 / (0.1 * scores.EFFICIENT))
+    never = overall(study_of(normal(20), lost=range(20)))
+    assert never.loss == pytest.approx(wide.loss)
 
 
 # ---------------------------------------------------------------------------- the intervals
@@ -137,8 +146,8 @@ def test_intervals_of_the_loss_cover(count: int, correlation: float) -> None:
     for study in range(studies):
         z = rng.normal(size=(count, 7)) @ mix.T
         score = scores.interval_score(z - scores.Z95, z + scores.Z95, np.zeros_like(z))
-        found = scores.mean_losses(score / scores.EFFICIENT, str(study))[0]
-        held += found.lower <= 1.0 <= found.upper
+        _, low, high = scores.mean_losses(score / scores.EFFICIENT, str(study))[0]
+        held += low <= 1.0 <= high
     assert 0.90 <= held / studies <= 0.995
 
 
@@ -150,24 +159,23 @@ def test_intervals_of_a_ratio_cover_and_are_narrower_for_the_same_recordings() -
         z = [common + 0.3 * rng.normal(size=common.shape) for _ in range(2)]
         reach = scores.Z95 * math.hypot(1.0, 0.3)
         losses = [scores.interval_score(own - reach, own + reach, 0.0 * own) for own in z]
-        found = scores.mean_losses(losses[0], str(study), losses[1])[0]
-        held += found.lower <= 1.0 <= found.upper
+        _, low, high = scores.mean_losses(losses[0], str(study), losses[1])[0]
+        held += low <= 1.0 <= high
     assert 0.90 <= held / 300 <= 0.995
-    alone = scores.mean_losses(losses[0], "one")[0]
-    assert found.upper / found.lower < alone.upper / alone.lower
+    _, lower, upper = scores.mean_losses(losses[0], "one")[0]
+    assert high / low < upper / lower
 
 
 def test_the_ratio_of_a_method_to_itself_is_one() -> None:
-    cell = cell_of(normal(25))
-    assert loss_ratios(cell, cell)[ALL] == (1.0, 1.0, 1.0)
-    worse = cell_of(normal(25) + 2.0)
-    assert loss_ratios(worse, cell)[ALL].lower > 2.0
+    cell, worse = (study_of(errors).measured for errors in (normal(25), normal(25) + 2.0))
+    assert loss_ratios(cell, cell).loc[ALL].tolist() == [1.0, 1.0, 1.0]
+    assert loss_ratios(worse, cell).loss_lower[ALL] > 2.0
 
 
 def test_one_recording_has_a_loss_without_an_interval() -> None:
-    loss = cell_of(normal(1)).overall.loss
-    assert loss.value > 0.0
-    assert math.isnan(loss.lower)
+    found = overall(study_of(normal(1)))
+    assert found.loss > 0.0
+    assert math.isnan(found.loss_lower)
 
 
 # ------------------------------------------------------------------------------- the tables
@@ -176,20 +184,21 @@ def test_one_recording_has_a_loss_without_an_interval() -> None:
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Comparison:
     with finish(tmp_path_factory.mktemp("study"), 30) as store:
-        return comparison_of(store)
+        return store.comparison()
 
 
 def test_losses_agree_with_those_computed_from_the_estimates(
     study: Comparison, tmp_path: Path
 ) -> None:
     """By plain loops over the file that users get, with none of the package's functions."""
-    study.write_tables(tmp_path)
+    study.write(tmp_path)
     found: dict[tuple[str, str, str], list[float]] = defaultdict(list)
     for row in rows_of(tmp_path / "estimates.csv"):
         truth, bound = float(row["truth"]), float(row["crlb"])
         score = 2.0 * truth
         if row["outcome"] == "converged":
             low, high = float(row["lower_95"]), float(row["upper_95"])
+            low, high = (min(max(end, 0.0), 2.0 * truth) for end in (low, high))
             score = high - low + 40.0 * max(low - truth, truth - high, 0.0)
         found[row["scenario"], row["method"], row["parameter"]].append(score / (4.675606 * bound))
     means = {key: sum(own) / len(own) for key, own in found.items()}
@@ -218,30 +227,27 @@ def test_losses_agree_with_those_computed_from_the_estimates(
 def test_other_methods_and_scenarios_leave_a_row_as_it_is(
     study: Comparison, tmp_path: Path
 ) -> None:
-    study.write_tables(tmp_path)
+    study.write(tmp_path)
     whole = (tmp_path / "summary.csv").read_text().splitlines()
     parts = (tmp_path / "population.csv").read_text().splitlines()
-    for keep in (
-        lambda cell: cell.method == "arx",
-        lambda cell: cell.scenario.name == "any",
-    ):
+    for column, value in (("method", "arx"), ("scenario", "any")):
         alone = tmp_path / "alone"
         alone.mkdir(exist_ok=True)
-        part = replace(study, cells=tuple(filter(keep, study.cells)))
-        part.write_tables(alone)
+        part = replace(study, frame=study.frame[study.frame[column] == value])
+        part.write(alone)
         assert set((alone / "summary.csv").read_text().splitlines()) < set(whole)
-        assert set((alone / "population.csv").read_text().splitlines()) <= set(parts)
-        verdicts = [judge(cell.scores) for cell in part.cells]
-        assert verdicts == [judge(cell.scores) for cell in filter(keep, study.cells)]
+        if column == "scenario":
+            assert (alone / "population.csv").read_text().splitlines() == parts
+        for row in part.scores[["scenario", "method"]].drop_duplicates().itertuples(index=False):
+            assert judge(part.scored(*row)) == judge(study.scored(*row))
 
 
 def test_a_pilot_that_nobody_could_name_is_charged_by_its_draw() -> None:
-    lost = Result(Unit("any", "m", 0), "died", draw=drawn(0))
-    entry = ScenarioEntry("any", 0, "words", "single", {}, ())
-    cell = MethodResults(entry, "m", (lost,))
-    truth = drawn(0).parameters[0].truth
-    expected = 2.0 * truth / (scores.EFFICIENT * 0.1)
-    assert cell.scores[1].loss.value == pytest.approx(expected)
+    own = drawn(("any", "m", 0), np.random.default_rng(1))
+    (row,) = comparison([failed(own, "died")], population=True).scores[1:2].itertuples()
+    truth = own.estimates[0][2]
+    assert truth is not None
+    assert row.loss == pytest.approx(2.0 * truth / (scores.EFFICIENT * 0.1))
 
 
 # ----------------------------------------------------------------------------- the verdicts
@@ -259,7 +265,7 @@ def test_a_pilot_that_nobody_could_name_is_charged_by_its_draw() -> None:
 def test_verdicts(shift: float, claims: float, grade: str, codes: Sequence[str]) -> None:
     errors = normal(400)
     errors[:, 2] += shift
-    found = judge(cell_of(errors, claims).scores)
+    found = verdict(study_of(errors, claims))
     assert found.grade == grade
     assert [flag.code for flag in found.flags] == codes
     if shift:
@@ -268,21 +274,21 @@ def test_verdicts(shift: float, claims: float, grade: str, codes: Sequence[str])
 
 
 def test_a_method_that_errs_everywhere_is_poor_and_one_that_fails_is_flagged() -> None:
-    assert judge(cell_of(normal(100) + 4.0).scores).grade == "poor"
-    found = judge(cell_of(normal(100), failed=range(20)).scores)
+    assert verdict(study_of(normal(100) + 4.0)).grade == "poor"
+    found = verdict(study_of(normal(100), lost=range(20)))
     assert [(flag.code, flag.value) for flag in found.flags] == [("fails", 0.2)]
-    assert not judge(cell_of(normal(100), failed=range(3)).scores).flags
+    assert not verdict(study_of(normal(100), lost=range(3))).flags
 
 
 @pytest.mark.parametrize("count", [10, 25, 200])
 def test_exact_methods_are_hardly_ever_flagged(count: int) -> None:
     # Five parameters and two tests of each at 1e-3: at most 1 in 100 flagged.
-    flagged = sum(bool(judge(cell_of(normal(count, seed)).scores).flags) for seed in range(150))
+    flagged = sum(bool(verdict(study_of(normal(count, seed))).flags) for seed in range(150))
     assert flagged <= 6
 
 
 def test_a_study_that_is_read_again_has_the_same_losses(tmp_path: Path) -> None:
     with finish(tmp_path, 8) as store:
-        first = [cell.overall.loss for cell in comparison_of(store).cells]
+        first = store.comparison().scores
     with Store(tmp_path) as store:
-        assert [cell.overall.loss for cell in comparison_of(store).cells] == first
+        assert store.comparison().scores.equals(first)

@@ -20,8 +20,7 @@ from pilotid.solve.intervals import find_profile_end, profile_intervals
 from pilotid.solve.least_squares import minimise
 from pilotid.support.numbers import CHI_SQUARED_95, Z95
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import PredictionErrors, binned
-from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import Band
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
@@ -32,9 +31,9 @@ BAND = Band(NOMINAL.dt, 3)
 TRUTH = NOMINAL.values
 
 
-def joint_of(scenario: Scenario, noise: NoiseModel, seed: int) -> PredictionErrors:
+def joint_of(scenario: Scenario, noise: NoiseModel, seed: int) -> Likelihood:
     recording = simulate(scenario, np.random.default_rng(seed))
-    return PredictionErrors(predict(recording, scenario.model, 50.0), noise, BAND)
+    return Likelihood(predict(recording, scenario.model, 50.0), noise)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +72,7 @@ def test_gram_holds_the_inner_products_of_the_rows(
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
     # What is projected out of the Jacobian as well as of the residual.
     shifted = replace(recording, e=recording.e + offset, u=recording.u + offset)
-    joint = PredictionErrors(predict(shifted, MULTI, 50.0), noise, BAND)
+    joint = Likelihood(predict(shifted, MULTI, 50.0), noise)
     assert joint.prediction.terms
     sets = np.array([[*(0.9 * TRUTH), *values], [*(1.1 * TRUTH), *values]])
     gram, rows = joint.gram(sets), joint.rows(sets)
@@ -91,8 +90,8 @@ def test_the_past_of_a_residual_is_what_its_filters_say(
     if way == "circular":  # whose first sample has no samples before it
         prediction = predict_circular(recording, MULTI)
     if way == "reduced":
-        prediction = binned(prediction)
-    joint = PredictionErrors(prediction, Autoregressive(6), BAND)
+        prediction = prediction.binned
+    joint = Likelihood(prediction, Autoregressive(6))
     values = np.array([[*TRUTH, *AR6]])
     found, residual = joint.rows(values), prediction.row_spectra(TRUTH[None])[:, -1:]
     delays = prediction.filter_response(np.eye(7)[1:])
@@ -100,7 +99,7 @@ def test_the_past_of_a_residual_is_what_its_filters_say(
     assert found[:, 7:13] == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
     if way == "long":
         monkeypatch.setattr("pilotid.time_domain.prediction.LONG_BINS", 100)
-        long = PredictionErrors(prediction, Autoregressive(6), BAND)
+        long = Likelihood(prediction, Autoregressive(6))
         assert long.block == 1
         assert long.rows(values) == pytest.approx(found, abs=1e-12 * np.abs(found).max())
         assert long.gram(values) == pytest.approx(joint.gram(values), rel=1e-9)
@@ -259,11 +258,10 @@ def test_an_offset_of_the_control_is_noticed_and_taken_out() -> None:
     moves = np.abs(shifted.values - plain.values) / np.hypot(plain.std_error, shifted.std_error)
     assert (moves[:2] < 3.0).all()
     assert (moves[2:] < 1.0).all()
-    problem = OutputErrors(predict(moved, MULTI, 50.0))
-    assert 0.0 in problem.noticeable_terms(TRUTH)
-    assert problem.noticeable_terms(TRUTH) != OutputErrors(
-        predict(recording, MULTI, 50.0), LowPass(2).taps(np.array([[3.5, 0.7]]), BAND)[0][0]
-    ).noticeable_terms(TRUTH)
+    taps = LowPass(2).taps(np.array([[3.5, 0.7]]), BAND)[0][0]
+    terms = predict(moved, MULTI, 50.0).noticeable_terms(TRUTH)
+    assert 0.0 in terms
+    assert terms != predict(recording, MULTI, 50.0).noticeable_terms(TRUTH, taps)
 
 
 def test_runs_are_fitted_jointly() -> None:

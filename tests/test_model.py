@@ -33,7 +33,6 @@ from pilotid.pilot.factors import (
 )
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.support.types import ComplexArray, FloatArray
-from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 
 pytestmark = pytest.mark.numerical
@@ -427,7 +426,7 @@ def test_a_delay_of_one_s_own_is_a_delay(factor: Factor) -> None:
     # What samplers evaluate is what everybody else does.
     prediction = predict(simulate(SCENARIOS["single"], np.random.default_rng(1)), model, 26.0)
     sets = np.stack([model.start, 1.1 * model.start])
-    fast = residual_spectra(prediction, sets)
+    fast = prediction.residual_spectra(sets)
     np.testing.assert_allclose(fast, prediction.row_spectra(sets)[:, -1], rtol=1e-9, atol=1e-9)
 
 

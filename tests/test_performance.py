@@ -3,26 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import NOMINAL
-from scipy.io import loadmat
-from scipy.stats import ttest_rel
 
-from pilotid.analysis.contrasts import contrasts
-from pilotid.analysis.performance import (
-    lines_shared,
-    performance,
-    performance_content,
-    performance_rows,
-)
-from pilotid.analysis.recordings import Part
 from pilotid.datasets import simulate
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.loops import loops_of
-from pilotid.recordings.files import load_recording
+from pilotid.experiment.performance import lines_shared, performance
 from pilotid.support.numbers import recording_rng
 
 pytestmark = pytest.mark.numerical
@@ -88,25 +77,3 @@ def test_a_loop_that_nothing_excites_has_no_margins(absent: str, left: str) -> N
     assert [q.key for q in loops.quantities] == [f"{left}_crossover", f"{left}_phase_margin"]
     assert all(np.isfinite(q.value) for q in loops.quantities)
     assert np.isnan(getattr(loops, absent).crossover.value)
-
-
-def test_motion_makes_the_error_smaller(measured: Path) -> None:
-    """The headline of the yaw experiment, by the laboratory's arithmetic."""
-    rows, by_hand = [], {}
-    for condition in ("C3", "C6"):
-        for subject in "1346":
-            file = measured / f"yaw/ae2224I_measurement_data_subj{subject}_{condition}.mat"
-            by_hand.setdefault(condition, []).append(loadmat(file)["e"].var(axis=0).mean())
-            fields = (("subject", subject), ("condition", condition))
-            look = {"performance": performance_content(load_recording(file))}
-            rows += performance_rows(Part((Path(file.name),), fields), look, per_run=False)
-    known = ttest_rel(by_hand["C6"], by_hand["C3"])
-    (found,) = [c for c in contrasts(rows) if c.parameter == "var_e"]
-    assert (found.mean_a, found.mean_b) == pytest.approx(
-        (np.mean(by_hand["C3"]), np.mean(by_hand["C6"]))
-    )
-    assert (found.t, found.p) == pytest.approx((known.statistic, known.pvalue))
-    assert found.difference < -15.0
-    assert found.p < 0.05
-    errors = [row.std_error for row in rows]
-    assert min(errors) > 0.0

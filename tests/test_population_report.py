@@ -9,56 +9,47 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stores import failed
 from test_study_report import Made, report
 
-from pilotid.study.comparison import comparison_of
 from pilotid.study.judge import Verdict, judge
-from pilotid.study.store import Draw, ParameterTruth, Result, ScenarioEntry, Store, Unit
+from pilotid.study.table import Entry, Fit, Store, read_study
 
 KEYS = {"single": ("Kvis", "tdvis"), "rate": ("Kvis", "tdvis", "Km")}
 POPULATION = "population-usual"
 
 
-def drawn(replication: int) -> Draw:
+def fitted(method: str, replication: int, *, size: float = 1.0, excess: float | None = None) -> Fit:
+    """A fit that claims the bound and errs by `size` times as much."""
     rng = np.random.default_rng(replication)
-    model = ("single", "rate")[replication % 2]
-    known = tuple(ParameterTruth(k, "s", rng.uniform(1.0, 2.0), 0.1) for k in KEYS[model])
-    facts: dict[str, str | float] = {
+    noise = np.random.default_rng((replication, sum(map(ord, method))))
+    model, rows = ("single", "rate")[replication % 2], []
+    for key in KEYS[model]:
+        truth = rng.uniform(1.0, 2.0)
+        value = truth + 0.1 * size * noise.normal()
+        rows.append((key, "s", truth, 0.1, value, 0.1, value - 0.196, value + 0.196))
+    facts = {
         "element": "K/s", "remnant": f"order {1 + replication % 3 % 2}", "forcing": "both",
         "remnant_level": rng.uniform(0.05, 0.3), "duration": rng.uniform(60.0, 120.0),
         "dt": 0.01, "run_in": 8.0, "runs": 1 + replication % 2,
     }  # fmt: skip
-    return Draw(model, known, facts)
+    key, drawn = (POPULATION, method, replication), {"model": model, "facts": facts}
+    ended = "converged", "", True, 80.0, 5, 0.02
+    return Fit(*key, *ended, excess=excess, estimates=tuple(rows), **drawn)
 
 
-def fitted(
-    method: str, replication: int, *, size: float = 1.0, excess: float | None = None
-) -> Result:
-    """A fit that claims the bound and errs by `size` times as much."""
-    draw = drawn(replication)
-    rng = np.random.default_rng((replication, sum(map(ord, method))))
-    rows = []
-    for p in draw.parameters:
-        value = p.truth + 0.1 * size * rng.normal()
-        rows.append((p.parameter, value, 0.1, value - 0.196, value + 0.196))
-    unit = Unit(POPULATION, method, replication)
-    return Result(
-        unit, "converged", "", True, 80.0, 5, False, 0.02, tuple(rows), excess=excess, draw=draw
-    )
+def fill(store: Store, fits: Sequence[Fit]) -> None:
+    own = Entry(POPULATION, 30, {"runs": [1]}, description="pilots at random", population=True)
+    store.enter([replace(own, model="single, rate")])
+    for found in fits:
+        store.add(found)
 
 
-def fill(store: Store, results: Sequence[Result]) -> None:
-    words = "pilots at random"
-    store.add_scenario(ScenarioEntry(POPULATION, 30, words, "single, rate", {"runs": [1]}, ()))
-    for result in results:
-        store.add(result)
+def ended(method: str, replication: int, outcome: str, why: str) -> Fit:
+    return failed(fitted(method, replication), outcome, why)
 
 
-def ended(method: str, replication: int, outcome: str, why: str) -> Result:
-    return Result(Unit(POPULATION, method, replication), outcome, why, draw=drawn(replication))
-
-
-def of_all_kinds() -> list[Result]:
+def of_all_kinds() -> list[Fit]:
     """A careful method, a bold one, one that fails, one that objects, one with few fits."""
     found = []
     for r in range(60):
@@ -81,10 +72,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 
 def verdict(folder: Path, method: str) -> Verdict:
-    with Store(folder) as store:
-        cell = comparison_of(store).at(POPULATION, method)
-    assert cell is not None
-    return judge(cell.scores)
+    return judge(read_study(folder).scored(POPULATION, method))
 
 
 def test_the_verdicts_tell_methods_apart(made: Made) -> None:
@@ -98,7 +86,7 @@ def test_the_verdicts_tell_methods_apart(made: Made) -> None:
 
 
 def test_a_population_of_which_nothing_succeeded_makes_a_report(tmp_path: Path) -> None:
-    lost = [replace(ended("mle", r, "crashed", "why"), draw=None) for r in range(2)]
+    lost = [Fit(POPULATION, "mle", r, "crashed", "why") for r in range(2)]
     made = report(tmp_path, lambda store: fill(store, lost), ("mle",))
     assert "2 of 2" in made.markdown
     assert not re.search(r"\b(nan|inf)\b", made.html.partition("<script>")[0], re.I)

@@ -8,10 +8,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from pandas import DataFrame
 
 import pilotid
 from pilotid.bounds import bounds
@@ -21,10 +22,10 @@ from pilotid.estimates.estimate import Estimate, Outcome, symmetric_intervals
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.study.comparison import Comparison, MethodResults, Score, comparison_of
-from pilotid.study.fits import Task, element_kind, facts_of, scenario_of
-from pilotid.study.store import Draw, Result, Store, strata_of
+from pilotid.study.run import Task, element_kind, facts_of, scenario_of, truths_of
+from pilotid.study.scores import parameters_of, strata_of
 from pilotid.study.study import Study
+from pilotid.study.table import Fit, Store, read_study
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng
 from pilotid.support.types import FloatArray
 
@@ -103,7 +104,7 @@ def run(folder: Path, study: Study = STUDY, workers: int = 2) -> dict[str, bytes
     with Store(folder, create=True) as store:
         for _ in study.run(store, study.enter(store), workers):
             pass
-        comparison_of(store).write_tables(folder)
+        store.comparison().write(folder)
     return {name: (folder / name).read_bytes() for name in ("summary.csv", "population.csv")}
 
 
@@ -114,18 +115,14 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def held(folder: Path) -> Comparison:
+def score_of(folder: Path, method: str, key: str = "all") -> Any:
+    scores = read_study(folder).scored("quick", method)
+    return scores.set_index("parameter").loc[key]
+
+
+def fits_of(folder: Path, method: str) -> list[Fit]:
     with Store(folder) as store:
-        return comparison_of(store)
-
-
-def score_of(cell: MethodResults, key: str) -> Score:
-    return next(score for score in cell.scores if score.parameter == key)
-
-
-def results_of(folder: Path, method: str) -> list[Result]:
-    (cell,) = (c for c in held(folder).populations if c.method == method)
-    return list(cell.results)
+        return [fit for fit in store.fits() if fit.method == method]
 
 
 def rows(folder: Path, name: str) -> list[dict[str, str]]:
@@ -147,20 +144,15 @@ def test_any_number_of_workers_and_any_stop_give_the_same_bytes(
 def test_every_replication_has_its_own_truth_and_bound_and_all_methods_the_same(
     finished: Path,
 ) -> None:
-    for results in zip(*(results_of(finished, m) for m in STUDY.labels), strict=True):
-        replication = results[0].unit.replication
-        scenario = QUICK.drawn(draw_rng(SEED, "quick", replication))
+    for fits in zip(*(fits_of(finished, m) for m in STUDY.labels), strict=True):
+        scenario = QUICK.drawn(draw_rng(SEED, "quick", fits[0].replication))
         bound = np.sqrt(np.diag(bounds(experiment_of(scenario)).full))
-        for result in results:
-            assert result.draw is not None
-            assert result.draw.model == scenario.model.name
-            assert tuple(p.truth for p in result.draw.parameters) == scenario.truth
-            assert [p.bound for p in result.draw.parameters] == pytest.approx(bound.tolist())
-            assert result.draw.facts == facts_of(scenario)
-            keys = tuple(key for key, *_ in result.estimates)
-            assert keys in (scenario.model.keys, ())
-    models = {r.draw.model for r in results_of(finished, "fake") if r.draw}
-    assert models == {"single", "rate"}
+        for fit in fits:
+            keys, _, truth, own, *_ = zip(*fit.estimates, strict=True)
+            assert (keys, truth) == (scenario.model.keys, scenario.truth)
+            assert own == pytest.approx(bound.tolist())
+            assert (fit.model, fit.facts) == (scenario.model.name, facts_of(scenario))
+    assert {fit.model for fit in fits_of(finished, "fake")} == {"single", "rate"}
     for row in rows(finished, "estimates.csv"):
         truth = dict(zip(*_truth(int(row["replication"])), strict=True))
         assert float(row["truth"]) == truth[row["parameter"]]
@@ -175,71 +167,64 @@ def test_a_method_gets_the_recording_of_its_replication_and_nothing_of_the_truth
     finished: Path, tmp_path: Path
 ) -> None:
     run(tmp_path, Study([QUICK], [Spy()], COUNT, SEED))
-    assert {r.message for r in results_of(tmp_path, "spy") if r.outcome == "crashed"} == set()
+    assert {r.message for r in fits_of(tmp_path, "spy") if r.outcome == "crashed"} == set()
     scenario = QUICK.drawn(draw_rng(SEED, "quick", 2))
     recording = simulate(scenario, recording_rng(SEED, "quick", 2))
     rng = fit_rng(SEED, "mle-white", "quick", 2)
     own = pilotid.identify(MLEWhite(), recording, scenario.model, rng)
-    stored = results_of(finished, "mle-white")[2]
+    stored = fits_of(finished, "mle-white")[2]
     assert own.outcome.slug == stored.outcome
-    assert own.values == pytest.approx([value for _, value, *_ in stored.estimates], rel=1e-6)
+    assert own.values == pytest.approx([row[4] for row in stored.estimates], rel=1e-6)
 
 
-def test_objections_are_counted_apart_from_failures(finished: Path) -> None:
-    (cell,) = (c for c in held(finished).populations if c.method == OBJECTS)
-    models = Counter(r.draw.model for r in cell.results if r.draw)
-    overall = cell.overall
-    assert 0 < overall.objections == models["rate"] < COUNT
-    assert overall.tried == cell.tried == models["single"]
-    assert overall.failures == 0
+def test_objections_to_some_recordings_are_failures(finished: Path) -> None:
+    models = Counter(fit.model for fit in fits_of(finished, OBJECTS))
+    overall, one = (score_of(finished, OBJECTS, key) for key in ("all", "Km"))
+    assert 0 < overall.failures == models["rate"] < COUNT
+    assert (overall.recordings, overall.not_applicable) == (COUNT, 0)
     assert overall.n == 5 * models["single"]
-    one = score_of(cell, "Km")
-    assert (one.tried, one.objections, one.n) == (0, models["rate"], 0)
-    assert math.isnan(one.coverage.value)
+    assert (one.recordings, one.failures, one.n) == (models["rate"], models["rate"], 0)
+    assert math.isnan(one.coverage_95)
 
 
 def test_scores_are_in_units_of_the_claim_and_of_the_bound(finished: Path) -> None:
-    (cell,) = (c for c in held(finished).populations if c.method == "fake")
-    errors = {key: [] for key in ("Kvis", "Km")}
+    errors: dict[str, list[float]] = {}
     ratios = []
-    for result in cell.results:
-        assert result.draw is not None
-        for p in result.draw.parameters:
-            errors.setdefault(p.parameter, []).append(1.0 - p.truth)
-            ratios.append((1.0 - p.truth) / (p.bound or math.nan))
-    assert cell.keys == ("Kvis", "tlead", "tdvis", "Km", "tdm", "fnm", "dnm")
+    for fit in fits_of(finished, "fake"):
+        for key, _, truth, bound, *_ in fit.estimates:
+            assert truth is not None
+            assert bound is not None
+            errors.setdefault(key, []).append(1.0 - truth)
+            ratios.append((1.0 - truth) / bound)
+    keys = parameters_of(read_study(finished).cell("quick", "fake"))
+    assert keys == ["Kvis", "tlead", "tdvis", "Km", "tdm", "fnm", "dnm"]
     for key in ("Kvis", "Km"):
-        standing = score_of(cell, key)
+        standing = score_of(finished, "fake", key)
         assert standing.n == len(errors[key])
-        assert standing.z.value == pytest.approx(np.mean(errors[key]))  # it claims 1
+        assert standing.mean_z == pytest.approx(np.mean(errors[key]))  # it claims 1
         inside = np.abs(errors[key]) <= 1.959964
-        assert standing.coverage.value == pytest.approx(np.mean(inside))
-    overall = cell.overall
+        assert standing.coverage_95 == pytest.approx(np.mean(inside))
+    overall = score_of(finished, "fake")
     assert overall.n == len(ratios)
-    assert overall.ratio.value == pytest.approx(np.sqrt(np.mean(np.square(ratios))))
+    assert overall.rmse_over_bound == pytest.approx(np.sqrt(np.mean(np.square(ratios))))
     # fnm is 6.5 rad/s or more, which is not 1 within 3.
-    assert score_of(cell, "fnm").beyond.value == 1.0
+    assert score_of(finished, "fake", "fnm").beyond_3 == 1.0
 
 
 @pytest.mark.long
 def test_wrong_optima_are_found_by_the_study(finished: Path, tmp_path: Path) -> None:
-    cells = {c.method: c for c in held(finished).populations}
-    models = Counter(r.draw.model for r in cells["fake"].results if r.draw)
-    overall = cells["fake"].overall
-    assert (overall.wrong, overall.optima) == (models["single"], COUNT)
-    assert {r.excess for r in cells["fake"].results} == {5.0, 1.0}
-    white = cells["mle-white"].overall
-    assert (white.wrong, white.optima) == (0, 0)  # it has no such search
+    fake, white = score_of(finished, "fake"), score_of(finished, "mle-white")
+    models = Counter(fit.model for fit in fits_of(finished, "fake"))
+    assert (fake.wrong_optima, fake.optima) == (models["single"], COUNT)
+    assert {fit.excess for fit in fits_of(finished, "fake")} == {5.0, 1.0}
+    assert (white.wrong_optima, white.optima) == (0, 0)  # it has no such search
     run(tmp_path, Study([QUICK], [Dies()], 2, SEED))
-    assert [(r.outcome, r.excess) for r in results_of(tmp_path, "dies")] == [
-        ("converged", None)
-    ] * 2
+    ends = [(fit.outcome, fit.excess) for fit in fits_of(tmp_path, "dies")]
+    assert ends == [("converged", None)] * 2
     # On a scenario with one truth nobody asks for it.
     ordinary = replace(pilotid.SCENARIOS["single"], name="quick", duration=30.0)
-    other = tmp_path / "other"
-    other.mkdir()
-    cells = {c.method: c for c in Study([ordinary], [Fake()], 1, SEED).run_in(other, 1).cells}
-    assert [r.excess for r in cells["fake"].results] == [None]
+    Study([ordinary], [Fake()], 1, SEED).run_in(tmp_path / "other", 1)
+    assert [fit.excess for fit in fits_of(tmp_path / "other", "fake")] == [None]
 
 
 def test_strata_and_parameters_stand_in_the_table(finished: Path) -> None:
@@ -273,40 +258,40 @@ def test_a_fit_that_nobody_knows_the_pilot_of_is_a_row(tmp_path: Path) -> None:
     study = Study([QUICK], ["mle-white"], 2, SEED)
     with Store(tmp_path, create=True) as store:
         first, second = study.enter(store)
-        store.add(Result(first, "died", "signal SIGKILL"))
+        store.add(Fit(*first, "died", "signal SIGKILL"))
         for _ in study.run(store, [second], 1):
             pass
-        comparison = comparison_of(store)
-        comparison.write_tables(tmp_path)
-    (cell,) = comparison.populations
-    assert (cell.overall.tried, cell.overall.failures) == (2, 1)
+        store.comparison().write(tmp_path)
+    found = score_of(tmp_path, "mle-white")
+    assert (found.recordings, found.failures) == (2, 1)
     assert next(iter(rows(tmp_path, "estimates.csv")))["outcome"] == "died"
 
 
 def test_a_fit_whose_process_died_is_charged_by_its_own_pilot(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def die(run: object, tasks: Iterable[Task], *_: object) -> Iterator[Result]:
-        return (Result(task.unit, "died", "signal SIGKILL") for task in tasks)
+    def die(run: object, tasks: Iterable[Task], *_: object) -> Iterator[Fit]:
+        return (Fit(*task.key, "died", "signal SIGKILL") for task in tasks)
 
     monkeypatch.setattr("pilotid.study.study.run_tasks", die)
-    (cell,) = Study([QUICK], ["mle-white"], 2, SEED).run_in(tmp_path, 1).populations
-    assert [r.draw for r in cell.results] == [scenario_of(QUICK, SEED, r)[1] for r in range(2)]
-    assert cell.overall.loss.value > 0.0
+    Study([QUICK], ["mle-white"], 2, SEED).run_in(tmp_path, 1)
+    for fit in fits_of(tmp_path, "mle-white"):
+        known = truths_of(scenario_of(QUICK, SEED, fit.replication))
+        assert fit.estimates == tuple((*own, None, None, None, None) for own in known)
+    assert score_of(tmp_path, "mle-white").loss > 0.0
 
 
 def test_what_is_drawn_depends_on_seed_name_and_replication_alone() -> None:
-    (first, draw), (again, _) = scenario_of(QUICK, 1, 3), scenario_of(replace(QUICK), 1, 3)
-    assert draw is not None
+    first, again = scenario_of(QUICK, 1, 3), scenario_of(replace(QUICK), 1, 3)
     assert first == again
     others = [
-        scenario_of(*key)[0]
+        scenario_of(*key)
         for key in ((QUICK, 2, 3), (QUICK, 1, 4), (replace(QUICK, name="q"), 1, 3))
     ]
     assert len({s.truth for s in (first, *others)}) == 4
     nominal = pilotid.SCENARIOS["nominal"]
-    assert scenario_of(nominal, 1, 3) == (nominal, None)
-    for scenario in (scenario_of(POPULATIONS["population-usual"], 1, r)[0] for r in range(12)):
+    assert scenario_of(nominal, 1, 3) == nominal
+    for scenario in (scenario_of(POPULATIONS["population-usual"], 1, r) for r in range(12)):
         assert element_kind(scenario.element) in (
             "K", "K/s", "K/s^2", "K/(s(s+a))", "second order"
         )  # fmt: skip
@@ -322,18 +307,15 @@ def test_a_pilot_of_a_population_can_be_simulated() -> None:
     assert pilotid.simulate("population-short", rng).u.size > 0
 
 
-def draw_of(model: str, **facts: float | str) -> Draw:
-    return Draw(model, (), {"element": "K", "runs": 1, "dt": 0.02, "run_in": 0.0, **facts})
-
-
 def test_strata_hold_every_recording_once() -> None:
-    levels = np.linspace(0.05, 0.3, 9)
-    draws = {
-        r: draw_of("rate" if r % 3 else "multi", remnant_level=float(x),
-                   duration=30.0 + 1e-15 * r, dt=0.02 if r < 4 else 0.005)
-        for r, x in enumerate(levels)
-    }  # fmt: skip
-    strata = strata_of(draws)
+    frame = DataFrame({
+        "replication": range(9),
+        "model": ["rate" if r % 3 else "multi" for r in range(9)],
+        "remnant_level": np.linspace(0.05, 0.3, 9),
+        "duration": 30.0 + 1e-15 * np.arange(9),
+        "dt": [0.02 if r < 4 else 0.005 for r in range(9)],
+    }).assign(element="K", remnant=None, forcing=None, runs=1.0, run_in=0.0)  # fmt: skip
+    strata = strata_of(frame)
     for name, stratum in strata.items():
         members = [r for own in stratum.values() for r in own]
         assert sorted(members) == list(range(9)), name
@@ -343,4 +325,4 @@ def test_strata_hold_every_recording_once() -> None:
     assert list(strata["length"]) == ["30 to 30 s"]
     assert [len(own) for own in strata["level"].values()] == [3, 3, 3]
     assert next(iter(strata["level"])) == "5 to 13 %"
-    assert strata_of({})["level"] == {}
+    assert strata_of(frame[:0])["level"] == {}

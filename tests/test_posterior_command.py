@@ -11,13 +11,13 @@ import pytest
 from helpers import SINGLE_LOOP, Run, strict
 
 from pilotid.datasets import simulate
-from pilotid.estimates.draws import spread_of
+from pilotid.estimates.quantities import sampled
 from pilotid.methods.bayes import Bayes, Inference
 from pilotid.pilot.catalogue import SINGLE
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.loops import margins
-from pilotid.posterior.likelihood import Likelihood
-from pilotid.posterior.predictive import derived_spreads, predictive_band, vafs
+from pilotid.posterior.likelihood import Marginal
+from pilotid.posterior.predictive import derived, predictive_band, vafs
 from pilotid.recordings.files import save_recording
 from pilotid.time_domain.output_error import simulated_vaf
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass
@@ -94,7 +94,7 @@ def test_derived_quantities_are_those_of_the_parameters(inference: Inference) ->
     expected = [simulated_vaf(RECORDING, SINGLE, own) for own in some]
     np.testing.assert_allclose(vafs(RECORDING, SINGLE, some), expected, rtol=1e-9)
     element = double_integrator(4.0)
-    spreads = {s.key: s for s in derived_spreads(draws, SINGLE, RECORDING, element)}
+    quantities = {s.key: s for s in derived(draws, SINGLE, RECORDING, element)}
     target, disturbance = margins(SINGLE, SINGLE_LOOP.values, element)
     for key, truth in (
         ("Kvis*tlead", SINGLE_LOOP.truth[0] * SINGLE_LOOP.truth[1]),
@@ -103,25 +103,23 @@ def test_derived_quantities_are_those_of_the_parameters(inference: Inference) ->
         ("disturbance crossover", disturbance.crossover),
         ("disturbance phase margin", disturbance.phase_margin),
     ):
-        spread = spreads[key]
-        assert abs(spread.mean - truth) < 3.5 * spread.deviation, key
-        assert spread.equal_tailed[0] < spread.mean < spread.equal_tailed[1]
-    assert "target crossover" not in {
-        s.key for s in derived_spreads(draws, SINGLE, RECORDING, None)
-    }
+        spread = quantities[key]
+        assert abs(spread.value - truth) < 3.5 * spread.std_error, key
+        assert spread.lower < spread.value < spread.upper
+    assert "target crossover" not in {s.key for s in derived(draws, SINGLE, RECORDING, None)}
 
 
 def test_a_quantity_of_equal_draws_has_no_spread() -> None:
-    spread = spread_of("x", "", np.full(10, 2.0))
-    assert spread.mean == pytest.approx(2.0)
-    assert spread.deviation < 1e-9
+    spread = sampled("x", "", np.full(10, 2.0))
+    assert spread.value == pytest.approx(2.0)
+    assert spread.std_error < 1e-9
 
 
 @pytest.mark.parametrize("noise", [LowPass(2), Autoregressive(4)], ids=lambda n: n.name)
 def test_the_predictive_band_holds_what_it_says(noise: LowPass | Autoregressive) -> None:
     two = simulate(replace(SINGLE_LOOP, runs=2), np.random.default_rng(32))
     found = Bayes(noise=noise).infer(two, SINGLE, np.random.default_rng(2))
-    assert isinstance(found.likelihood, Likelihood)
+    assert isinstance(found.likelihood, Marginal)
     draws = found.estimate.draws
     assert draws is not None
     band = predictive_band(draws, found.likelihood, np.random.default_rng(3))

@@ -25,9 +25,10 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import BESIDE, predict
 from pilotid.time_domain.prepare import decimation, fast_length, prepare
+from pilotid.time_domain.remnant_models import WHITE, Autoregressive, Whitener
 
 pytestmark = pytest.mark.numerical
 
@@ -61,7 +62,7 @@ def apart(values: FloatArray, share: float = 0.3) -> FloatArray:
     return values * np.stack([factor, 2.0 - factor])
 
 
-def worst_error(problem: OutputErrors, scenario: Scenario, share: float = 0.3) -> float:
+def worst_error(problem: Likelihood, scenario: Scenario, share: float = 0.3) -> float:
     """Largest relative error of any parameter at the end of a minimisation from `apart`."""
     starts = apart(scenario.values, share)
     minima = minimise(problem.gram, starts, scenario.model, tolerance=1e-12)
@@ -76,7 +77,7 @@ def worst_error(problem: OutputErrors, scenario: Scenario, share: float = 0.3) -
 def test_circular_prediction_recovers_every_parameter_to_rounding(name: str) -> None:
     scenario = PILOTS[name]
     prediction = predict_circular(noise_free(scenario), scenario.model)
-    assert worst_error(OutputErrors(prediction), scenario) < 1e-8
+    assert worst_error(Likelihood(prediction), scenario) < 1e-8
 
 
 #: A lag of 8 s, which no run-in forgets: two decays stand for its own.
@@ -88,7 +89,7 @@ SLOW = {"precision": 2e-2}
 def test_prediction_with_run_in_recovers_every_parameter(name: str, band: float | None) -> None:
     scenario = PILOTS[name]
     prediction = predict(noise_free(scenario), scenario.model, band).with_decays(scenario.values)
-    assert worst_error(OutputErrors(prediction), scenario) < SLOW.get(name, 1e-4)
+    assert worst_error(Likelihood(prediction), scenario) < SLOW.get(name, 1e-4)
 
 
 #: Pilots whose lag is not forgotten within the 3 s that are not scored, and the error that leaves.
@@ -102,14 +103,14 @@ def test_prediction_without_run_in_recovers_every_parameter(name: str, band: flo
     scenario = PILOTS[name]
     prediction = predict(without_run_in(noise_free(scenario)), scenario.model, band)
     prediction = prediction.with_decays(scenario.values)
-    assert worst_error(OutputErrors(prediction), scenario) < REMEMBERED.get(name, 3e-4)
+    assert worst_error(Likelihood(prediction), scenario) < REMEMBERED.get(name, 3e-4)
 
 
 @pytest.mark.parametrize("band", BANDS)
 def test_prediction_of_a_step_disturbance_recovers_every_parameter(band: float | None) -> None:
     # Not so a step target: nothing between two samples tells when the error jumped.
     scenario = SCENARIOS["disturbance-step"]
-    problem = OutputErrors(predict(noise_free(scenario), scenario.model, band))
+    problem = Likelihood(predict(noise_free(scenario), scenario.model, band))
     # From 30 % off one of the starts ends in a local minimum, where scipy stays as well.
     assert worst_error(problem, scenario, share=0.15) < 2e-3
 
@@ -118,8 +119,8 @@ def test_prediction_of_a_step_disturbance_recovers_every_parameter(band: float |
 def test_prediction_with_run_in_leaves_no_residual_at_the_truth(name: str) -> None:
     scenario = PILOTS[name]
     prediction = predict(noise_free(scenario), scenario.model)
-    problem = OutputErrors(prediction.with_decays(scenario.values))
-    share = np.std(problem.residual(scenario.values)) / np.std(problem.prediction.control)
+    problem = Likelihood(prediction.with_decays(scenario.values))
+    share = np.std(problem.prediction.errors(scenario.values)) / np.std(problem.prediction.control)
     assert share < SLOW.get(name, 1e-4)
 
 
@@ -139,7 +140,7 @@ def test_rows_are_the_derivatives_of_the_prediction_and_its_residual(
     recording = simulate(replace(scenario, runs=2), np.random.default_rng(3))
     prediction = predict(recording, scenario.model, band)
     values = apart(scenario.values)
-    rows = prediction.rows(values)
+    rows = prediction.samples_of(prediction.row_spectra(values))
     count = values.shape[1]
     assert rows.shape == (2, count + 1, 2, prediction.scored)
     for point, row in zip(values, rows, strict=True):
@@ -152,10 +153,10 @@ def test_rows_are_the_derivatives_of_the_prediction_and_its_residual(
             np.testing.assert_allclose(row[index], difference, atol=1e-7 * np.abs(difference).max())
 
 
-@pytest.mark.parametrize("taps", [None, TAPS], ids=["white", "whitened"])
-def test_gram_holds_the_inner_products_of_the_rows(taps: FloatArray | None) -> None:
+@pytest.mark.parametrize("noise", [WHITE, Whitener(TAPS)], ids=["white", "whitened"])
+def test_gram_holds_the_inner_products_of_the_rows(noise: Whitener) -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
-    problem = OutputErrors(predict(recording, MULTI, 26.0), taps)
+    problem = Likelihood(predict(recording, MULTI, 26.0), noise)
     values = apart(NOMINAL.values)
     gram, rows = problem.gram(values), problem.rows(values)
     assert gram.shape == (2, 8, 8)
@@ -169,10 +170,10 @@ def test_long_recordings_have_the_rows_and_grams_of_short_ones(
     prediction = predict(simulate(replace(NOMINAL, runs=runs), np.random.default_rng(1)), MULTI)
     sets = apart(NOMINAL.values, 0.1)
     taps = np.array([1.0, -0.9])
-    short = OutputErrors(prediction, taps)
+    short = Likelihood(prediction, Whitener(taps))
     rows, gram = short.rows(sets), short.gram(sets)
     monkeypatch.setattr("pilotid.time_domain.prediction.LONG_BINS", limit)
-    long = OutputErrors(replace(prediction), taps)  # without what is cached
+    long = Likelihood(replace(prediction), Whitener(taps))  # without what is cached
     assert (short.block, long.block) == (4, 1)
     size = np.sqrt(np.einsum("spp->sp", gram))
     tolerance = 1e-12 * size[:, :, None, None]
@@ -188,7 +189,7 @@ def test_a_long_recording_takes_the_memory_of_a_few_rows() -> None:
     """At a time: the transforms of one parameter set, and the samples of the set before."""
     rng = np.random.default_rng(1)
     e, u, x = rng.normal(size=(3, 1, 150_000))
-    problem = OutputErrors(predict(Recording(dt=0.01, e=e, u=u, x=x), MULTI))
+    problem = Likelihood(predict(Recording(dt=0.01, e=e, u=u, x=x), MULTI))
     sets = np.concatenate([apart(NOMINAL.values, 0.1), apart(NOMINAL.values, 0.2)])
     rows = problem.rows(sets[:1])
     tracemalloc.start()
@@ -202,19 +203,19 @@ def test_residual_is_the_last_row_without_whitening() -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
     prediction = predict(recording, MULTI, 26.0)
     values = apart(NOMINAL.values)
-    rows = OutputErrors(prediction).rows(values)
-    for taps in (None, TAPS):
-        residual = OutputErrors(prediction, taps).residual(values[0])
-        np.testing.assert_allclose(rows[0, -1], residual, atol=1e-12)
+    rows = Likelihood(prediction).rows(values)
+    np.testing.assert_allclose(rows[0, -1], prediction.errors(values[0]), atol=1e-12)
 
 
 @pytest.mark.parametrize("band", [None, 26.0])
 def test_whitened_rows_are_the_moving_average_of_the_plain_rows(band: float | None) -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
-    prediction = predict(recording, MULTI, band)
+    prediction = replace(predict(recording, MULTI, band), terms=())
     values = apart(NOMINAL.values)
     taps = np.array([1.0, -1.3, 0.5, 0.1])
-    plain, filtered = prediction.rows(values), prediction.rows(values, taps)
+    plain, filtered = (
+        Likelihood(prediction, each).rows(values) for each in (WHITE, Whitener(taps))
+    )
     expected = sum(
         tap * plain[..., 3 - lag : plain.shape[-1] - lag] for lag, tap in enumerate(taps)
     )
@@ -226,11 +227,11 @@ def test_whitened_rows_are_the_moving_average_of_the_plain_rows(band: float | No
 def test_every_parameter_set_can_have_its_own_whitening_filter() -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
     prediction = predict(recording, MULTI, 26.0)
-    values = apart(NOMINAL.values)
-    taps = np.array([[1.0, -0.9, 0.1], [1.0, 0.3, -0.2]])
-    together = prediction.rows(values, taps)
+    values = np.hstack([apart(NOMINAL.values), [[-0.9, 0.1], [0.3, -0.2]]])
+    together = Likelihood(prediction, Autoregressive(2)).rows(values)[:, [*range(7), -1]]
     for i in range(2):
-        alone = prediction.rows(values[[i]], taps[i])[0]
+        own = Whitener(np.array([1.0, *values[i, 7:]]))
+        alone = Likelihood(prediction, own).rows(values[[i], :7])[0]
         np.testing.assert_allclose(together[i], alone, atol=1e-12 * np.abs(alone).max())
 
 
@@ -248,11 +249,11 @@ def test_a_whitening_filter_leaves_the_space_of_the_nuisance_terms_as_it_is() ->
 def test_gram_of_several_runs_is_the_sum_over_the_runs(band: float | None) -> None:
     recording = simulate(replace(NOMINAL, runs=3), np.random.default_rng(4))
     values = apart(NOMINAL.values)
-    together = OutputErrors(predict(recording, MULTI, band), TAPS)
+    together = Likelihood(predict(recording, MULTI, band), Whitener(TAPS))
     alone = [
-        OutputErrors(
+        Likelihood(
             predict(part_of(recording, runs=slice(run, run + 1)), MULTI, band),
-            TAPS,
+            Whitener(TAPS),
         )
         for run in range(3)
     ]
@@ -266,8 +267,8 @@ def test_samples_are_what_nuisance_terms_leave() -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(4))
     # 4084 scored samples, since a central difference ends 12 before the last; offset and
     # decay of the canals take two in every run.
-    assert OutputErrors(predict(recording, MULTI), TAPS).residuals == 2 * (4084 - 2)
-    assert OutputErrors(predict(recording, SINGLE)).residuals == 2 * (4096 - 1)
+    assert Likelihood(predict(recording, MULTI), Whitener(TAPS)).residuals == 2 * (4084 - 2)
+    assert Likelihood(predict(recording, SINGLE)).residuals == 2 * (4096 - 1)
 
 
 # ------------------------------------------------------------------ nuisance terms
@@ -277,21 +278,22 @@ def changed_control(recording: Recording, change: FloatArray) -> Recording:
     return replace(recording, u=recording.u + change)
 
 
-@pytest.mark.parametrize("taps", [None, TAPS], ids=["white", "whitened"])
+@pytest.mark.parametrize("noise", [WHITE, Whitener(TAPS)], ids=["white", "whitened"])
 @pytest.mark.parametrize("band", [None, 26.0])
 @pytest.mark.parametrize("run_in", [True, False])
 def test_offset_and_canal_decay_change_neither_gram_nor_residual(
-    run_in: bool, band: float | None, taps: FloatArray | None
+    run_in: bool, band: float | None, noise: Whitener
 ) -> None:
     recording = simulate(NOMINAL, np.random.default_rng(5))
     recording = recording if run_in else without_run_in(recording)
     disturbed = changed_control(recording, 0.7 - 2.0 * np.exp(-recording.time / 6.0))
-    one, two = (OutputErrors(predict(r, MULTI, band), taps) for r in (recording, disturbed))
+    one, two = (Likelihood(predict(r, MULTI, band), noise) for r in (recording, disturbed))
     values = apart(NOMINAL.values)
     scale = np.sqrt(np.einsum("sii->si", one.gram(values)))
     difference = one.gram(values) - two.gram(values)
     assert np.max(np.abs(difference) / (scale[:, :, None] * scale[:, None, :])) < 1e-9
-    np.testing.assert_allclose(one.residual(values[0]), two.residual(values[0]), atol=1e-9)
+    left = [each.prediction.errors(values[0]) for each in (one, two)]
+    np.testing.assert_allclose(*left, atol=1e-9)
     # They do change the control that is predicted.
     assert np.std(one.prediction.control - two.prediction.control) > 0.1
 
@@ -299,11 +301,11 @@ def test_offset_and_canal_decay_change_neither_gram_nor_residual(
 def test_decay_that_is_no_pole_of_the_model_stays_in_the_residual() -> None:
     recording = simulate(NOMINAL, np.random.default_rng(5))
     decaying = changed_control(recording, -2.0 * np.exp(-recording.time / 6.0))
-    one, two = (OutputErrors(predict(r, SINGLE)) for r in (recording, decaying))
-    assert np.std(one.residual(SINGLE_LOOP.values) - two.residual(SINGLE_LOOP.values)) > 0.1
+    one, two = (predict(r, SINGLE).errors(SINGLE_LOOP.values) for r in (recording, decaying))
+    assert np.std(one - two) > 0.1
     moving = changed_control(recording, -2.0 * np.exp(-recording.time / 3.0))
-    one, two = (OutputErrors(predict(r, MULTI)) for r in (recording, moving))
-    assert np.std(one.residual(NOMINAL.values) - two.residual(NOMINAL.values)) > 0.05
+    one, two = (predict(r, MULTI).errors(NOMINAL.values) for r in (recording, moving))
+    assert np.std(one - two) > 0.05
 
 
 @pytest.mark.parametrize("band", BANDS)
@@ -317,7 +319,7 @@ def test_slow_poles_start_near_their_true_state_without_nuisance_terms(
         (without_run_in(noise_free(scenario)), 0.025),
     ):
         prediction = replace(predict(recording, scenario.model, band), terms=())
-        residual = OutputErrors(prediction).residual(scenario.values)
+        residual = prediction.errors(scenario.values)
         assert np.std(residual) < limit * np.std(prediction.control)
 
 
@@ -326,7 +328,7 @@ def test_decays_that_are_alike_do_not_hide_one_another(size: float) -> None:
     recording = simulate(SCENARIOS["white-remnant"], np.random.default_rng(1))
     moved = changed_control(recording, size * np.exp(-0.14 * recording.time))
     prediction = replace(predict(moved, MULTI), terms=(-0.1, -0.12, -0.15, -0.2))
-    assert bool(OutputErrors(prediction).noticeable_terms(NOMINAL.values)) == bool(size)
+    assert bool(prediction.noticeable_terms(NOMINAL.values)) == bool(size)
 
 
 def test_decays_of_a_lag_that_outlasts_the_pre_history_always_stay() -> None:
@@ -337,7 +339,7 @@ def test_decays_of_a_lag_that_outlasts_the_pre_history_always_stay() -> None:
         lag = min(model.slowest_lag(model.start), prediction.pre_history)
         decays = prediction.with_decays(model.start).terms[-2:]
         assert decays == pytest.approx((-BESIDE / lag, -1.0 / (BESIDE * lag)))
-        assert set(OutputErrors(prediction).noticeable_terms(model.start)) >= set(decays)
+        assert set(prediction.noticeable_terms(model.start)) >= set(decays)
     quick = model.start.copy()
     quick[[model.keys.index("tlag"), model.keys.index("tlaglow")]] = 0.5, 1.5
     assert prediction.with_decays(quick) is prediction
@@ -353,8 +355,8 @@ def test_noticeable_terms_are_those_that_the_recording_shows() -> None:
             (-1.5 * decay, (-1.0 / 6.0,)),
             (0.5 - 1.5 * decay, (0.0, -1.0 / 6.0)),
         ):
-            problem = OutputErrors(predict(changed_control(recording, change), MULTI))
-            assert problem.noticeable_terms(NOMINAL.values) == terms
+            prediction = predict(changed_control(recording, change), MULTI)
+            assert prediction.noticeable_terms(NOMINAL.values) == terms
 
 
 @pytest.mark.parametrize("band", BANDS)
@@ -366,7 +368,7 @@ def test_offsets_of_the_inputs_do_no_harm(run_in: bool, name: str, band: float |
     recording = recording if run_in else without_run_in(recording)
     # More than ten times what the signals vary by.
     shifted = replace(recording, e=recording.e + 2.0, x=recording.x - 2.0)
-    problem = OutputErrors(predict(shifted, scenario.model, band))
+    problem = Likelihood(predict(shifted, scenario.model, band))
     assert worst_error(problem, scenario) < 3e-4
 
 

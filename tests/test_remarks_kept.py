@@ -11,9 +11,9 @@ from test_output import estimate
 
 from pilotid.datasets import SCENARIOS
 from pilotid.recordings.checks import remarks
-from pilotid.study.fits import LONGEST_TOLD, told
-from pilotid.study.store import Store
+from pilotid.study.run import LONGEST_TOLD, told
 from pilotid.study.study import PROFILES, Study
+from pilotid.study.table import Store
 
 
 def test_a_study_keeps_what_a_user_is_told() -> None:
@@ -31,7 +31,7 @@ def test_a_study_keeps_what_a_user_is_told() -> None:
 def test_remarks_of_a_study_are_in_its_store(tmp_path: Path) -> None:
     Study(["nominal", "violation-lost"], "mle", 1).run_in(tmp_path, workers=1)
     with Store(tmp_path) as store:
-        kept = {result.unit.scenario: result.remarks for result in store.results()}
+        kept = {fit.scenario: fit.remarks for fit in store.fits()}
     assert not kept["nominal"]
     assert kept["violation-lost"].startswith("u keeps its value at")
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, Run
 
-from pilotid.analysis.recordings import Part, Pattern, excluded_of, parts_of
 from pilotid.datasets import simulate
+from pilotid.experiment.files import Part, Pattern, excluded_of, parts_of
 from pilotid.recordings.files import Reading, save_recording
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import NotMultisineError, forcing_lines

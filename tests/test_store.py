@@ -4,49 +4,42 @@ from __future__ import annotations
 
 import sqlite3
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pilotid.study.store import (
-    Draw,
-    MethodEntry,
-    ParameterTruth,
-    Result,
-    ScenarioEntry,
-    Store,
-    Unit,
-)
+from pilotid.study.table import METHODS, SCENARIOS, Entry, Fit, Store
 from pilotid.support.store import STORE, Rows
 from pilotid.support.types import InputError
 
-NUMBERS = (("Kvis", 0.2, 0.1, 0.0, 0.4), ("tlead", 3.0, None, None, None))
+NUMBERS = (
+    ("Kvis", "", 0.17, 0.04, 0.2, 0.1, 0.0, 0.4),
+    ("tlead", "s", 0.1 + 0.2, None, 3.0, None, None, 1e-300),
+)
 
 
-def entry(name: str, position: int) -> ScenarioEntry:
-    known = (ParameterTruth("Kvis", "", 0.17, 0.04), ParameterTruth("tlead", "s", 2.93, None))
+def entry(name: str, position: int) -> Entry:
     settings = {"class": "Scenario", "truth": [0.1, 1e-300], "remnant": {"level": 0.4}}
-    return ScenarioEntry(name, position, "a scenario", "gain", settings, known, "kin", "c0de", "s")
+    return Entry(name, position, settings, "c0de", "s", "a scenario", "gain", "kin", False, 0.1)
 
 
-def method(label: str, position: int) -> MethodEntry:
-    return MethodEntry(label, position, {"class": "Mine", "memory": None}, "", f"f.py:{label}")
+def method(label: str, position: int) -> Entry:
+    return Entry(label, position, {"class": "Mine", "memory": None}, "", f"f.py:{label}")
 
 
 def filled(folder: Path) -> Store:
     store = Store(folder, create=True)
-    for name, position in (("late", 2), ("early", 1)):
-        store.add_scenario(entry(name, position))
-    for name, position in (("second", 1), ("first", 0)):
-        store.add_method(method(name, position))
+    scenarios = [entry("late", 2), entry("early", 1)]
+    store.enter(scenarios, [method("second", 1), method("first", 0)])
     return store
 
 
-def result(scenario: str, method: str, replication: int) -> Result:
-    unit = Unit(scenario, method, replication)
-    return Result(unit, "converged", "why", True, 80.5, 7, False, 0.25, NUMBERS)
+def result(scenario: str, method: str, replication: int) -> Fit:
+    key, ended = (scenario, method, replication), ("converged", "why", True, 80.5, 7, 0.25)
+    last = {"excess": 1e-3, "remarks": "recording: u drifts | mind the gap", "model": "own"}
+    facts = {"element": "K/s", "dt": 0.01}
+    return Fit(*key, *ended, True, facts=facts, estimates=NUMBERS, **last)
 
 
 def test_what_goes_in_comes_out_in_the_order_of_the_catalogues(tmp_path: Path) -> None:
@@ -54,37 +47,38 @@ def test_what_goes_in_comes_out_in_the_order_of_the_catalogues(tmp_path: Path) -
     with filled(tmp_path) as store:
         for key in keys:
             store.add(result(*key))
-        store.add(Result(Unit("early", "first", 0), "crashed", "why"))
+        store.add(Fit("early", "first", 0, "crashed", "why"))
     with Store(tmp_path) as store:
-        found = list(store.results())
-        assert [r.unit for r in found] == [
-            Unit("early", "first", 0),
-            Unit("early", "second", 0),
-            Unit("early", "second", 1),
-            Unit("late", "first", 0),
+        found = {fit.key: fit for fit in store.fits()}
+        assert found == {
+            ("early", "first", 0): Fit("early", "first", 0, "crashed", "why"),
+            **{key: result(*key) for key in keys},
+        }
+        assert list(store.entries(SCENARIOS).values()) == [entry("early", 1), entry("late", 2)]
+        assert list(store.entries(METHODS).values()) == [method("first", 0), method("second", 1)]
+        frame = store.comparison().frame
+        fits = zip(frame.scenario, frame.method, frame.replication, strict=True)
+        assert list(dict.fromkeys(fits)) == [
+            ("early", "first", 0),
+            ("early", "second", 0),
+            ("early", "second", 1),
+            ("late", "first", 0),
         ]
-        assert found[0] == Result(Unit("early", "first", 0), "crashed", "why")
-        assert found[1:] == [result(*key) for key in reversed(keys)]
-        assert store.scenarios() == [entry("early", 1), entry("late", 2)]
-        assert store.methods() == {"first": method("first", 0), "second": method("second", 1)}
-        assert list(store.methods()) == ["first", "second"]
-        assert store.done() == {r.unit: r.outcome for r in found}
 
 
 def test_a_fit_is_kept_once(tmp_path: Path) -> None:
     with filled(tmp_path) as store:
         store.add(result("early", "first", 0))
-        store.add(Result(Unit("early", "first", 0), "other"))
-        (only,) = store.results()
-        assert only.outcome == "converged"
-        assert len(only.estimates) == 2
+        store.add(Fit("early", "first", 0, "other"))
+        (only,) = store.fits()
+        assert only == result("early", "first", 0)
 
 
 def test_what_is_committed_is_there_without_closing(tmp_path: Path) -> None:
     store = filled(tmp_path)
     store.add(result("early", "first", 0))
     with Store(tmp_path) as other:
-        assert other.done() == {Unit("early", "first", 0): "converged"}
+        assert [fit.key for fit in other.fits()] == [("early", "first", 0)]
     store.close()
 
 
@@ -95,29 +89,14 @@ def test_facts_are_kept(tmp_path: Path) -> None:
         assert store.about() == {"seed": "2", "code": "x"}
 
 
-def test_what_is_forgotten_is_gone_whole_and_can_come_again(tmp_path: Path) -> None:
+def test_what_is_dropped_is_gone_and_can_come_again(tmp_path: Path) -> None:
     with filled(tmp_path) as store:
         store.add(result("early", "first", 0))
-        store.add(Result(Unit("early", "first", 1), "died", estimates=NUMBERS))
-        store.forget([Unit("early", "first", 1)])
-        assert store.done() == {Unit("early", "first", 0): "converged"}
-        store.add(result("early", "first", 1))  # its numbers are not there twice
-        assert [len(r.estimates) for r in store.results()] == [2, 2]
-
-
-def test_a_pilot_that_was_drawn_is_kept_with_the_fit(tmp_path: Path) -> None:
-    truth = (ParameterTruth("b", "s", 0.1 + 0.2, None), ParameterTruth("a", "", 1e-300, 0.4))
-    draw = Draw("own", truth, {"element": "K/s", "dt": 0.01})
-    numbers = (("b", 0.2, 0.1, 0.0, 0.4), ("a", 3.0, None, None, None))
-    whole = replace(result("any", "first", 7), estimates=numbers, excess=1e-3, draw=draw,
-                    remarks="recording: u drifts | mind the gap")  # fmt: skip
-    with filled(tmp_path) as store:
-        store.add_scenario(replace(entry("any", 3), parameters=()))
-        store.add(whole)
-    with Store(tmp_path) as store:
-        found = list(store.results())
-        assert found == [whole]
-        assert [e.population for e in store.scenarios()] == [False, False, True]
+        store.add(Fit("early", "first", 1, "died"))
+        store.drop([("early", "first", 1)])
+        assert [fit.replication for fit in store.fits()] == [0]
+        store.add(result("early", "first", 1))
+        assert [fit.outcome for fit in store.fits()] == ["converged"] * 2
 
 
 def test_a_store_of_another_format_is_refused(tmp_path: Path) -> None:

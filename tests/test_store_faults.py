@@ -6,7 +6,6 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 
@@ -15,7 +14,7 @@ import pytest
 from helpers import Answer, Run
 from stores import Content, changed, content_of, finish
 
-from pilotid.study.store import Result, Store, Unit
+from pilotid.study.table import Fit, Store
 from pilotid.support.store import STORE
 from pilotid.support.types import InputError
 
@@ -86,10 +85,6 @@ def test_changed_bytes_are_refused_or_read(tmp_path: Path) -> None:
 # ----------------------------------------------------------------- full disks and deaths
 
 
-def units() -> Iterator[Unit]:
-    return (Unit("first", "mle", number) for number in range(1000, 100_000))
-
-
 #: Adds fits to a store until something is in the way; the argument is the largest file.
 FILLING = """
 import resource, sys
@@ -97,15 +92,14 @@ sys.path.insert(0, {here!r})
 from pathlib import Path
 import numpy as np
 from stores import fit
-from test_store_faults import units
-from pilotid.study.store import Store
+from pilotid.study.table import Store
 from pilotid.support.types import InputError
 rng = np.random.default_rng(1)
 with Store(Path(sys.argv[1]), create=True) as store:
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]),) * 2)
     try:
-        for number, unit in enumerate(units()):
-            store.add(fit(unit, rng))
+        for number in range(99_000):
+            store.add(fit(("first", "mle", 1000 + number), rng))
     except InputError as error:
         print(number, error)
         sys.exit(2)
@@ -125,8 +119,8 @@ def test_a_full_disk_is_a_sentence_and_costs_nothing(
     number, sentence = done.stdout.split(" ", 1)
     assert sentence.startswith(str(folder / STORE))
     with Store(folder, create=True) as store:
-        assert len(store.done()) == len(whole.fits) + int(number)
-        store.add(Result(Unit("second", "mle", 10**6), "crashed"))  # it goes on
+        assert len(store.fits()) == len(whole.fits) + int(number)
+        store.add(Fit("second", "mle", 10**6, "crashed"))  # it goes on
 
 
 #: Makes a store and fills it, and dies in the n-th statement that SQLite traces.
@@ -163,11 +157,11 @@ def test_a_death_at_any_statement_leaves_a_whole_store(tmp_path: Path) -> None:
         done = subprocess.run([sys.executable, "-c", program, folder, str(number)])
         assert done.returncode == 9
         with Store(folder, create=True) as store:
-            for unit in store.done():
-                assert unit in whole.fits
+            for found in store.fits():
+                assert found.key in whole.fits
         with finish(folder, 3) as store:
-            assert content_of(store).about == whole.about
-            assert store.done().keys() == whole.fits.keys()
+            content = content_of(store)
+            assert (content.about, content.fits.keys()) == (whole.about, whole.fits.keys())
 
 
 # ------------------------------------------------------------------------ rights, two at once
@@ -177,13 +171,12 @@ def test_a_death_at_any_statement_leaves_a_whole_store(tmp_path: Path) -> None:
 OPENING = """
 import sys
 from pathlib import Path
-from pilotid.study.store import Result, Unit
-from pilotid.study.store import Store
+from pilotid.study.table import Fit, Store
 print("ready", flush=True)
 for line in sys.stdin:
     with Store(Path(line.strip()), create=True) as store:
         store.describe({"seed": "1"})
-        store.add(Result(Unit("first", "mle", int(sys.argv[1])), "crashed"))
+        store.add(Fit("first", "mle", int(sys.argv[1]), "crashed"))
     print("done", flush=True)
 """
 
@@ -218,26 +211,11 @@ def test_two_can_write_one_store(tmp_path: Path) -> None:
                 process.stdin.write(f"{folder}\n")
             heard("done")
             with Store(folder) as store:
-                assert {unit.replication for unit in store.done()} == {1000, 1001}
+                assert {fit.replication for fit in store.fits()} == {1000, 1001}
 
 
 @pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("remnant ratio nominal", "{{ 7*7 }}"),
-    ],
-)
-def test_facts_that_no_report_could_read_are_refused(
-    finished: Path, tmp_path: Path, run: Run, key: str, value: str
-) -> None:
-    folder = copied(finished, tmp_path / "stranger")
-    with Store(folder, create=True) as store:
-        store.describe({key: value})
-    refused(run("report", folder), "is damaged")
-
-
-@pytest.mark.parametrize(
-    "content", ["", "[]", "{}", "\xff", '{"unit": 1}', '{"unit": {"scenario": "first"}}']
+    "content", ["", "[]", "{}", "\xff", '{"scenario": 1}', '{"scenario": "first"}']
 )
 def test_rows_that_are_none_are_refused(
     finished: Path, tmp_path: Path, run: Run, content: str

@@ -22,10 +22,9 @@ from pilotid.methods.arx import ARX
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.study.comparison import comparison_of
-from pilotid.study.fits import Task, run_task, started
-from pilotid.study.store import FITS, Result, Store, Unit
+from pilotid.study.run import Task, run_task, started, truths_of
 from pilotid.study.study import Study, method_entry, scenario_entry
+from pilotid.study.table import FITS, Fit, Store, read_study
 from pilotid.support.store import STORE
 from pilotid.support.types import InputError
 
@@ -38,7 +37,7 @@ def run(folder: Path, study: Study = STUDY, workers: int = 2) -> bytes:
     with Store(folder, create=True) as store:
         for _ in study.run(store, study.enter(store), workers):
             pass
-        comparison_of(store).write_tables(folder)
+        store.comparison().write(folder)
     return (folder / "summary.csv").read_bytes()
 
 
@@ -63,8 +62,7 @@ def test_a_study_that_grows_is_the_one_that_was_large_at_once(
 
 def test_a_finished_study_has_nothing_left_to_do(finished: Path) -> None:
     with Store(finished, create=True) as store:
-        pending = STUDY.enter(store)
-        assert (list(pending), pending.total) == ([], 0)
+        assert STUDY.enter(store) == []
 
 
 FOURIER = method_entry(Fourier())
@@ -76,9 +74,9 @@ SINGLE = scenario_entry(scenario_named("single"))
     [
         (lambda store: store.describe({"code": "x"}), "code"),
         (lambda store: store.describe({"seed": "6"}), "seed"),
-        (lambda store: store.add_method(replace(FOURIER, settings={})), "fourier"),
-        (lambda store: store.add_method(replace(FOURIER, code="x")), "fourier"),
-        (lambda store: store.add_scenario(replace(SINGLE, settings={})), "single"),
+        (lambda store: store.enter([], [replace(FOURIER, settings={})]), "fourier"),
+        (lambda store: store.enter([], [replace(FOURIER, code="x")]), "fourier"),
+        (lambda store: store.enter([replace(SINGLE, settings={})]), "single"),
     ],
 )
 def test_results_of_other_code_or_settings_are_not_mixed(
@@ -100,21 +98,21 @@ def test_a_replication_has_its_own_recording_and_start_and_every_method_the_same
     assert np.all(np.abs(first / starts.values - 1.0) <= 0.4)
     # All replications of `starts` are of one recording, whose optimum every start reaches.
     tasks = Study("starts", "mle", 3, 1)
-    ends = [run_task(task).estimates for task in tasks.tasks(tasks.units())]
-    assert ends[1][2][1] == pytest.approx(ends[0][2][1], rel=1e-3)
-    assert ends[2][2][1] == pytest.approx(ends[0][2][1], rel=1e-3)
+    ends = [run_task(task).estimates for task in tasks.tasks(tasks.keys)]
+    assert ends[1][2][4] == pytest.approx(ends[0][2][4], rel=1e-3)
+    assert ends[2][2][4] == pytest.approx(ends[0][2][4], rel=1e-3)
 
 
 def test_a_label_of_one_s_own_names_a_method_and_moves_no_number() -> None:
     study = Study("single", ["short=bayes(draws=50)", "bayes(draws=50)"], 1)
     assert study.labels == ("short", "bayes(draws=50)")
-    short, usual = (run_task(task) for task in study.tasks(study.units()))
-    assert short.unit.method == "short"
+    short, usual = (run_task(task) for task in study.tasks(study.keys))
+    assert short.method == "short"
     assert short.estimates == usual.estimates
 
 
 def test_an_error_outside_the_method_is_a_row() -> None:
-    result = run_task(Task(Unit("single", "mle-white", 0), 1, b"nonsense"))
+    result = run_task(Task(("single", "mle-white", 0), 1, b"nonsense"))
     assert result.outcome == Outcome.CRASHED.slug
     assert result.message.startswith("UnpicklingError")
     assert not result.usable
@@ -150,10 +148,10 @@ def test_a_class_of_one_s_own_crosses_and_what_cannot_is_a_sentence() -> None:
         name = "local"
 
     study = Study("single", Local())
-    assert run_task(next(study.tasks(study.units()))).outcome == "converged"
+    assert run_task(next(study.tasks(study.keys))).outcome == "converged"
     object.__setattr__(study.methods[0], "candidates", (number for number in (3,)))
     with pytest.raises(InputError, match="local: cannot be handed to another process"):
-        next(study.tasks(study.units()))
+        next(study.tasks(study.keys))
 
 
 #: A study at the top of a script, without a guard, of a class that the script defines.
@@ -168,7 +166,7 @@ class Mine(MLEWhite):
 
 print("once")
 study = Study("single", [Mine(candidates=3)], 2).run_in(Path(sys.argv[1]), 2)
-print(study.cells[0].method)
+print(study.frame.method[0])
 """
 
 
@@ -188,27 +186,27 @@ def test_what_failed_for_outside_reasons_is_tried_again_if_asked(tmp_path: Path)
     with Store(tmp_path, create=True) as store:
         study.enter(store)
         for replication, end in enumerate(ends):  # the last is not of this study
-            store.add(Result(Unit("single", "mle", replication), end))
-        assert study.enter(store).total == 0
+            store.add(Fit("single", "mle", replication, end))
+        assert study.enter(store) == []
         pending = study.enter(store, retry=True)
-        assert [unit.replication for unit in pending] == [1, 2, 3, 4]
-        assert len(store.done()) == 3
+        assert [number for *_, number in pending] == [1, 2, 3, 4]
+        assert len(store.fits()) == 3
 
 
 def test_a_comparison_holds_the_store_s_numbers(finished: Path) -> None:
-    with Store(finished) as store:
-        cells = comparison_of(store).cells
-    assert [(c.scenario.name, c.method) for c in cells] == [
+    found = read_study(finished)
+    assert list(dict.fromkeys(zip(found.frame.scenario, found.frame.method, strict=True))) == [
         ("single", "mle-white"),
         ("single", "fourier"),
         ("starts", "mle-white"),
         ("starts", "fourier"),
     ]
-    score = cells[0].scores[3]
-    assert (score.parameter, score.failures) == ("tdvis", 0)
-    assert score.bias.value == pytest.approx(cells[0].numbers.value[:, 2].mean() - 0.39)
-    assert score.bound == scenario_entry(scenario_named("single"), 0, "single").parameters[2].bound
-    assert np.isnan(score.posterior)
+    row = found.scored("single", "mle-white").iloc[3]
+    assert (row.parameter, row.failures) == ("tdvis", 0)
+    values = found.cell("single", "mle-white").query("parameter == 'tdvis'").value
+    assert row.bias == pytest.approx(values.mean() - 0.39)
+    assert row.crlb == truths_of(scenario_named("single"))[2][3]
+    assert np.isnan(row.posterior_std)
 
 
 #: As in a shell's foreground: what a background job starts ignores interruptions.
@@ -352,7 +350,7 @@ def test_dask_with_a_worker_killed_gives_the_same_bytes(cluster: object, tmp_pat
         for number, _ in enumerate(results):
             if number == 10:
                 os.kill(next(iter(workers.values())).pid, signal.SIGKILL)
-        comparison_of(store).write_tables(there)
+        store.comparison().write(there)
     assert (there / "summary.csv").read_bytes() == (here / "summary.csv").read_bytes()
 
 

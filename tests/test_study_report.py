@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from stores import failed
 
 from pilotid.report.study import overview, write_report
-from pilotid.study.comparison import MethodResults, comparison_of
-from pilotid.study.store import MethodEntry, ParameterTruth, Result, ScenarioEntry, Store, Unit
+from pilotid.study.table import Entry, Fit, Store, read_study
 from pilotid.support.format import as_text, decimals, number, plus_minus, share, signed
+from pilotid.support.store import Key
 
 KEYS = ("Kvis", "tlead", "tdvis", "Kvest", "tdvest", "fnm", "dnm")
 TRUTH = (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)
-MULTI = tuple(
-    ParameterTruth(k, "s" if k.startswith("t") else "", t, 0.05 * t)
-    for k, t in zip(KEYS, TRUTH, strict=True)
-)
 ALL = (
     "nominal",
     "single",
@@ -58,9 +55,7 @@ def plain(text: str) -> str:
     return text.replace("\N{MINUS SIGN}", "-").replace("\N{EN DASH}", "-")
 
 
-def entry(
-    name: str, position: int = 0, parameters: Sequence[ParameterTruth] = MULTI
-) -> ScenarioEntry:
+def entry(name: str, position: int = 0) -> Entry:
     length = float(name[7:]) if name.startswith("length-") else 81.92
     runs = int(name[5:]) if name.startswith("runs-") else 1
     level = float(name[8:]) if name.startswith("remnant-") else 0.4
@@ -76,33 +71,35 @@ def entry(
     family = name.partition("-")[0]
     family = family if family in ("length", "runs", "remnant") else ""
     model = "single" if name == "single" else "multi"
-    own = (*parameters[:3], *parameters[5:]) if name == "single" else tuple(parameters)
-    return ScenarioEntry(name, position, f"case {name}", model, settings, own, family)
+    remnant = 0.0307 if name == "remnant-0.1" else None
+    about = {"description": f"case {name}", "model": model, "family": family}
+    return Entry(name, position, settings, remnant=remnant, **about)
 
 
 def fit(
-    unit: Unit, values: Sequence[float], errors: Sequence[float], *, ok: bool = True,
-    posterior: bool = False, keys: Sequence[str] = KEYS,
-) -> Result:  # fmt: skip
+    key: Key, values: Sequence[float], errors: Sequence[float], *, ok: bool = True,
+    keys: Sequence[str] = KEYS, truth: Sequence[float] = TRUTH,
+) -> Fit:  # fmt: skip
     rows = tuple(
-        (key, v, s, v - 1.96 * s, v + 1.96 * s)
-        for key, v, s in zip(keys, values, errors, strict=True)
+        (k, "s" if k.startswith("t") else "", t, 0.05 * t, v, s, v - 1.96 * s, v + 1.96 * s)
+        for k, t, v, s in zip(keys, truth, values, errors, strict=True)
     )
-    outcome = "converged" if ok else "not-converged"
-    return Result(unit, outcome, "", ok, 80.0, 5, posterior, 0.02, rows)
+    outcome, posterior = "converged" if ok else "not-converged", key[1].startswith("bayes")
+    model = "single" if len(keys) == 5 else "multi"
+    ended = outcome, "", ok, 80.0, 5, 0.02, posterior
+    return Fit(*key, *ended, model=model, estimates=rows)
 
 
-def draw(store: Store, entry: ScenarioEntry, method: str, count: int, seed: int) -> None:
+def draw(store: Store, scenario: str, method: str, count: int, seed: int) -> None:
     """Estimates that scatter as the bound says, for a method that claims as much."""
     rng = np.random.default_rng(seed)
-    truth = np.array([p.truth for p in entry.parameters])
-    bound = np.array([p.bound or 0.0 for p in entry.parameters])
-    keys = [p.parameter for p in entry.parameters]
+    chosen = [k not in ("Kvest", "tdvest") or scenario != "single" for k in KEYS]
+    truth, keys = np.array(TRUTH)[chosen], np.array(KEYS)[chosen].tolist()
+    bound = (0.05 * truth).tolist()
     for r in range(count):
-        values = truth + bound * rng.normal(size=truth.size)
-        unit = Unit(entry.name, method, r)
-        posterior = method.startswith("bayes")
-        store.add(fit(unit, values.tolist(), bound.tolist(), posterior=posterior, keys=keys))
+        values = truth * (1.0 + 0.05 * rng.normal(size=truth.size))
+        known = {"keys": keys, "truth": truth.tolist()}
+        store.add(fit((scenario, method, r), values.tolist(), bound, **known))
 
 
 def report(folder: Path, fill: Callable[[Store], None], methods: Sequence[str]) -> Made:
@@ -110,11 +107,13 @@ def report(folder: Path, fill: Callable[[Store], None], methods: Sequence[str]) 
     with Store(folder, create=True) as store:
         if not store.about().get("seed"):
             store.describe({"seed": "7", "code": "abc123", "numpy": "2.0"})
-            for position, name in enumerate(methods):
-                settings = {"class": name, "setting": 1.0}
-                store.add_method(MethodEntry(name, position, settings, typed=TYPED.get(name, "")))
+            settings = {name: {"class": name, "setting": 1.0} for name in methods}
+            store.enter(methods=[
+                Entry(name, place, settings[name], typed=TYPED.get(name, ""))
+                for place, name in enumerate(methods)
+            ])  # fmt: skip
             fill(store)
-        study = comparison_of(store)
+        study = store.comparison()
         page = write_report(folder, study)
         _, losses, rankings = overview(study)
         terminal = as_text(*losses, *(own.table for own in rankings))
@@ -128,19 +127,11 @@ def scenarios(
 ) -> Callable[[Store], None]:
     def fill(store: Store) -> None:
         for position, name in enumerate(names):
-            own = entry(name, position)
-            store.add_scenario(own)
+            store.enter([entry(name, position)])
             for place, method in enumerate(methods):
-                draw(store, own, method, count, seed + 100 * position + place)
+                draw(store, name, method, count, seed + 100 * position + place)
 
     return fill
-
-
-def cell_of(folder: Path, scenario: str, method: str) -> MethodResults:
-    with Store(folder) as store:
-        cell = comparison_of(store).at(scenario, method)
-    assert cell is not None
-    return cell
 
 
 # ------------------------------------------------------------------------------ the numbers
@@ -151,38 +142,39 @@ def by_hand(tmp_path_factory: pytest.TempPathFactory) -> Made:
     """Five fits of one parameter: 1.0, 1.2, 1.4, one not converged at 3.0, one crashed."""
 
     def fill(store: Store) -> None:
-        own = entry("nominal", parameters=(ParameterTruth("Kvis", "", 1.0, 0.1),))
-        store.add_scenario(own)
+        store.enter([entry("nominal")])
+        known = {"keys": ("Kvis",), "truth": (1.0,)}
         values = ((1.0, 0.1, True), (1.2, 0.2, True), (1.4, 0.15, True), (3.0, 0.1, False))
         for r, (value, error, ok) in enumerate(values):
-            store.add(fit(Unit("nominal", "mle", r), [value], [error], ok=ok, keys=("Kvis",)))
-        store.add(Result(Unit("nominal", "mle", 4), "crashed", "LinAlgError: a | b\n<c>"))
-        refusal = "needs a target"
-        store.add(Result(Unit("nominal", "fourier", 0), "not-applicable", refusal))
+            store.add(fit(("nominal", "mle", r), [value], [error], ok=ok, **known))
+        lost = failed(fit(("nominal", "mle", 4), [1.0], [0.1], **known))
+        store.add(replace(lost, message="LinAlgError: a | b\n<c>"))
+        lost = replace(lost, method="fourier", outcome="not-applicable", message="needs a target")
+        store.add(replace(lost, replication=0))
 
     return report(tmp_path_factory.mktemp("hand"), fill, ("mle", "fourier"))
 
 
 def test_scores_are_those_worked_out_by_hand(by_hand: Made) -> None:
-    cell = cell_of(by_hand.folder, "nominal", "mle")
-    score = cell.percent[0]
-    assert (score.n, score.failures, score.tried) == (3, 2, 5)
-    assert score.bias == pytest.approx((20.0, 20.0 / np.sqrt(3.0)))
-    assert score.std.value == pytest.approx(20.0)
-    # squares of the errors 0, .04, .16: mean 1/15, root .2582, over the bound 2.582
-    assert score.ratio.value == pytest.approx(2.582, abs=1e-3)
-    assert score.claimed == pytest.approx(15.0)
+    every, row = read_study(by_hand.folder).scored("nominal", "mle").itertuples()
+    assert (row.n, row.failures, row.recordings) == (3, 2, 5)
+    assert (row.bias, row.bias_percent) == pytest.approx((0.2, 20.0))
+    assert row.bias_se == pytest.approx(0.2 / np.sqrt(3.0))
+    assert row.std == pytest.approx(0.2)
+    # squares of the errors 0, .04, .16: mean 1/15, root .2582, over the bound .05 5.164
+    assert row.rmse_over_bound == pytest.approx(5.164, abs=1e-3)
+    assert row.mean_std_error == pytest.approx(0.15)
     # 1.0 and 1.2 +- .392 hold the truth, 1.4 +- .294 does not
-    assert score.coverage.value == pytest.approx(2 / 3)
-    # widths .392, .784 and .588 + 40 * .106; two failures cost 2 each; over 4.676 * .1
-    assert score.loss.value == pytest.approx((1.764 + 40 * 0.106 + 4.0) / 5 / 0.46756, rel=1e-4)
-    assert cell.seconds == pytest.approx(0.02)
+    assert row.coverage_95 == pytest.approx(2 / 3)
+    # widths .392, .784 and .588 + 40 * .106; two failures cost 2 each; over 4.676 * .05
+    assert row.loss == pytest.approx((1.764 + 40 * 0.106 + 4.0) / 5 / 0.23378, rel=1e-4)
+    assert every.seconds == pytest.approx(0.02)
 
 
 def test_tables_show_the_same_numbers(by_hand: Made) -> None:
     for shown in (by_hand.terminal, by_hand.markdown):
         row = next(line for line in shown.splitlines() if re.match(r"(\| )?mle\b", line))
-        assert re.search(r"\b4\.28 .*\b67 \(21-94\).* 2 of 5", row)
+        assert re.search(r"8\.56 .*\b67 \(21-94\).* 2 of 5", row)
     assert re.search(r"^fourier +not", by_hand.terminal, re.M)
 
 
@@ -208,11 +200,7 @@ def full(tmp_path_factory: pytest.TempPathFactory) -> Made:
     methods = ("mmle3", "mle", "bayes", "someone-else")
     folder = tmp_path_factory.mktemp("full")
 
-    def fill(store: Store) -> None:
-        scenarios(*ALL, methods=methods)(store)
-        store.describe({"remnant ratio remnant-0.1": "0.0307"})
-
-    return report(folder, fill, methods)
+    return report(folder, scenarios(*ALL, methods=methods), methods)
 
 
 @pytest.mark.long
@@ -236,15 +224,14 @@ def test_any_part_of_a_study_makes_a_report(tmp_path: Path, name: str, count: in
 
 def test_starts_that_end_together_are_counted(tmp_path: Path) -> None:
     def fill(store: Store) -> None:
-        store.add_scenario(entry("starts"))
+        store.enter([entry("starts")])
         for r in range(5):
             factor = 1.2 if r == 4 else 1.1 + 1e-4 * r
             values = [factor * t for t in TRUTH]
-            store.add(fit(Unit("starts", "mle", r), values, [0.1] * 7))
-        store.add(Result(Unit("starts", "mle", 5), "diverged"))
+            store.add(fit(("starts", "mle", r), values, [0.1] * 7))
+        store.add(failed(fit(("starts", "mle", 5), TRUTH, TRUTH), "diverged"))
 
     made = report(tmp_path, fill, ("mle",))
-    assert cell_of(tmp_path, "starts", "mle").agreeing == 4
     assert ">4 of 6</td>" in made.html
 
 

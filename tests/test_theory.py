@@ -17,11 +17,10 @@ from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
 from pilotid.solve.covariance import hessian, sandwich_of, score_products
-from pilotid.study.study import scenario_entry
+from pilotid.study.run import truths_of
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import PredictionErrors
-from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import Band, decimation
 from pilotid.time_domain.remnant_models import LowPass
@@ -133,9 +132,8 @@ def test_a_step_is_whitened_in_time() -> None:
 
 
 def test_the_study_knows_the_bounds_of_its_scenarios() -> None:
-    known = {p.parameter: p for p in scenario_entry(scenario_named("nominal")).parameters}
-    assert known["tdvis"].truth == 0.32
-    assert known["tdvis"].bound == pytest.approx(0.32 * 0.0106, rel=0.01)
+    (bound,) = (b for key, _, truth, b in truths_of(scenario_named("nominal")) if truth == 0.32)
+    assert bound == pytest.approx(0.32 * 0.0106, rel=0.01)
 
 
 def test_information_is_what_whitened_recordings_hold() -> None:
@@ -152,7 +150,7 @@ def test_information_is_what_whitened_recordings_hold() -> None:
     for i in range(30):
         recording = simulate(scenario, recording_rng(3, scenario.name, i))
         prediction = replace(predict(recording, MULTI, 50.0), terms=())
-        joint = PredictionErrors(prediction, LowPass(2), band)
+        joint = Likelihood(prediction, LowPass(2))
         gram = joint.gram(values)[0]
         # Scaled to the full length: without run-in a part of the record is not scored.
         grams.append(gram[:-1, :-1] / (gram[-1, -1] / joint.residuals))
@@ -209,7 +207,7 @@ def test_the_limit_is_stationary_in_recordings_and_its_scores_have_the_covarianc
     shifts = []
     for i in range(replications):
         recording = simulate(scenario, recording_rng(5, scenario.name, i))
-        problem = OutputErrors(replace(predict(recording, MULTI), terms=()))
+        problem = Likelihood(replace(predict(recording, MULTI), terms=()))
         gram = problem.gram(limit.values[None])[0]
         shifts.append(np.linalg.solve(curvature, gram[:-1, -1]) / problem.residuals)
     scatter = np.sqrt(np.diag(limit.sandwich))

@@ -17,7 +17,7 @@ from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.study.fits import run_task, started
+from pilotid.study.run import run_task, started
 from pilotid.study.study import Study
 from pilotid.support.types import InputError
 
@@ -43,7 +43,7 @@ def handed_by(scenario: Scenario, replication: int) -> tuple[Recording, PilotMod
     """What a study hands to a method: recording and model; the generator is not followed."""
     HANDED.clear()
     study = Study(scenario, Spy(), replication + 1)
-    *_, task = study.tasks(study.units())
+    *_, task = study.tasks(study.keys)
     result = run_task(task)
     assert result.outcome == Outcome.NOT_CONVERGED.slug, result.message
     (handed,) = HANDED

@@ -13,7 +13,7 @@ from pilotid.datasets.simulation import linear_rms
 from pilotid.datasets.stepping import STEP, stepped
 from pilotid.datasets.violations import Violation
 from pilotid.recordings.recording import Recording
-from pilotid.study.fits import truths_of
+from pilotid.study.run import truths_of
 from pilotid.support.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical

@@ -34,39 +34,33 @@ with tempfile.TemporaryDirectory() as folder:
     comparison = pilotid.compare(
         ("nominal", "white-remnant"), methods, replications=12, out=folder, workers=1
     )
-for cell in comparison.cells:
-    print(
-        f"{cell.scenario.name}, {cell.method}: {cell.usable} of {cell.tried} fits count, "
-        f"{1e3 * cell.seconds:.0f} ms each, loss {cell.scores[0].loss.value:.2f}"
-    )
+whole = comparison.scores[comparison.scores.parameter == "all"]
+print(whole[["scenario", "method", "usable", "recordings", "seconds", "loss"]].to_string())
 
 with journal_style():
     figure, axes = plt.subplots(
         2, 2, figsize=(7.6, 4.2), layout="constrained", sharex=True, sharey="col"
     )
     for (left, right), scenario in zip(axes, comparison.scenarios, strict=True):
-        cells = comparison.of(scenario.name)
-        keys = [known.parameter for known in scenario.parameters]
-        places = np.arange(len(keys))
-        for number, cell in enumerate(cells):
+        for number, method in enumerate(comparison.methods):
+            scores = comparison.scored(scenario, method)[1:]  # the first is of all parameters
+            keys = list(scores.parameter)
+            places = np.arange(len(keys))
             shift = places + 0.2 * (number - 1)
             style = {
-                "fmt": marker_of(cell.method),
-                "color": colour_of(cell.method),
+                "fmt": marker_of(method),
+                "color": colour_of(method),
                 "markersize": 4.5,
-                "label": cell.method,
+                "label": method,
             }
-            scores = cell.scores[1:]  # the first is of all parameters
-            bias = [score.percent.bias.value for score in scores]
-            reach = [1.96 * score.percent.bias.error for score in scores]
-            left.errorbar(shift, bias, reach, **style)
-            share = np.array([score.coverage.value for score in scores])
-            ends = np.array([score.coverage_interval for score in scores])
-            bars = np.maximum(0.0, [share - ends[:, 0], ends[:, 1] - share])
-            right.errorbar(shift, share, bars, **style)
+            scale = 100.0 / scores.truth.abs()
+            left.errorbar(shift, scores.bias_percent, 1.96 * scale * scores.bias_se, **style)
+            share = scores.coverage_95
+            bars = [share - scores.coverage_lower, scores.coverage_upper - share]
+            right.errorbar(shift, share, np.maximum(0.0, bars), **style)
         left.axhline(0.0, color="#333333", linewidth=0.6)
         right.axhline(0.95, color="#333333", linewidth=0.6)
-        left.set_title(scenario.name, loc="left")
+        left.set_title(scenario, loc="left")
         left.set_ylabel("bias [% of the truth]")
         right.set_ylabel("coverage of 95 % intervals [-]")
         left.set_xticks(places, keys)

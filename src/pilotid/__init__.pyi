@@ -1,6 +1,5 @@
 """The public names, and the modules that hold them: `pilotid.__init__` reads this file."""
 
-from pilotid.analysis.experiment import analyse as analyse
 from pilotid.api import (
     check as check,
 )
@@ -31,6 +30,7 @@ from pilotid.datasets.scenarios import Scenario as Scenario
 from pilotid.estimates.estimate import Estimate as Estimate
 from pilotid.estimates.estimate import Outcome as Outcome
 from pilotid.estimates.method import Method as Method
+from pilotid.experiment.experiment import analyse as analyse
 from pilotid.methods.arx import ARX as ARX
 from pilotid.methods.bayes import Bayes as Bayes
 from pilotid.methods.fourier import Fourier as Fourier

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from pilotid.designing.design import Design
     from pilotid.model_choice import Selection
     from pilotid.report.check import Checked
-    from pilotid.study.comparison import Comparison
+    from pilotid.study.table import Comparison
     from pilotid.study.trust import Trust
 
 DEFAULT_METHOD = "mle"

@@ -27,16 +27,19 @@ from pilotid.lines.fit import LinesFit, fit_lines
 from pilotid.pilot.catalogue import MODELS, with_held
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
-from pilotid.recordings.contents import listed
 from pilotid.recordings.recording import Recording, unit_sized
+from pilotid.recordings.roles import listed
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.types import FloatArray, InputError
 from pilotid.time_domain.constancy import changes
 from pilotid.time_domain.information_criteria import Evidence, evidence
 from pilotid.time_domain.output_error import simulated_vaf
 
+#: Models whose likelihood is worked out where the lines of forcing functions judge.
+LIKELY = 1
+
 #: What JSON does not have of a candidate.
-NOT_SHOWN = ("remnant", "samples", "no_delay")
+NOT_SHOWN = ("remnant", "samples", "no_delay", "determined")
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,9 @@ class Candidate:
         The bounds that parameters reached, in words.
     no_delay
         Whether a delay ends at zero, which no pilot has.
+    determined
+        Whether the lines determine all parameters: none is at a bound or known to no better than a
+        factor of ten.  Where no lines judge, whether none is at a bound.
     change_p, change_size, change_time
         How often a pilot whose gains and leads are constant would seem to change as this one
         does, by how much of its value a gain or lead changes at most, and when that is seen best
@@ -92,6 +98,7 @@ class Candidate:
     left_out_chi_squared: tuple[float, ...] = ()
     bounds: str = ""
     no_delay: bool = False
+    determined: bool = True
     change_p: float = math.nan
     change_size: float = math.nan
     change_time: float = math.nan
@@ -174,8 +181,8 @@ def compare_models(
     seed
         Seed of the searches' random starts.
     likelihood
-        Whether to work out likelihoods too where the lines of forcing functions judge: most of
-        the time goes there.
+        Whether to work out likelihoods too where the lines of forcing functions judge, of the
+        models that fit these best: most of the time goes there.
 
     Raises
     ------
@@ -193,9 +200,13 @@ def compare_models(
     if not likelihood:
         return [_by_lines(recording, found) for found in lines]
     # The likelihood's search begins where the lines lead, and with the model that they favour.
-    order = sorted(range(len(models)), key=lambda place: lines[place].misfit)
+    order = sorted(range(len(models)), key=lambda place: lines[place].misfit)[:LIKELY]
     found = evidence(recording, [models[i] for i in order], seed, [lines[i].values for i in order])
-    return [_with_lines(_by_likelihood(found[order.index(i)]), own) for i, own in enumerate(lines)]
+    known = dict(zip(order, map(_by_likelihood, found), strict=True))
+    return [
+        _with_lines(known[place], own) if place in known else _by_lines(recording, own)
+        for place, own in enumerate(lines)
+    ]
 
 
 def _by_likelihood(found: Evidence) -> Candidate:
@@ -213,6 +224,7 @@ def _by_likelihood(found: Evidence) -> Candidate:
         left_out_log_likelihood=tuple(found.left_out.tolist()),
         bounds=bounds_reached(found.model, found.values),
         no_delay=_no_delay(found.model, found.values),
+        determined=not bounds_reached(found.model, found.values),
         change_p=math.nan if found.constancy is None else found.constancy.p,
         change_size=math.nan if found.constancy is None else found.constancy.size,
         change_time=math.nan if found.constancy is None else found.constancy.time,
@@ -229,6 +241,7 @@ def _with_lines(candidate: Candidate, fit: LinesFit) -> Candidate:
         left_out_chi_squared=_left_out_misfits(fit),
         bounds=bounds_reached(fit.model, fit.values),
         no_delay=_no_delay(fit.model, fit.values),
+        determined=fit.determined,
     )
 
 
@@ -398,6 +411,10 @@ class _Judged:
         """Whether a model leaves pilots their delays."""
         return sum(own[name].no_delay for own in self.held) <= DELAYLESS * len(self.held)
 
+    def determines(self, name: str) -> bool:
+        """Whether at least half of the recordings determine all parameters of a model."""
+        return 2 * sum(own[name].determined for own in self.held) >= len(self.held)
+
     def reason(self, taken: str) -> str:
         """Why a model is taken, in sentences."""
         told = _reason(self.held, taken, self.least, self.criterion, left_out=self.many)
@@ -406,13 +423,15 @@ class _Judged:
 
 def choose_jointly(
     conditions: Mapping[str, Sequence[Sequence[Candidate]]], models: Mapping[str, PilotModel]
-) -> dict[str, Choice]:
-    """One model for conditions that are compared, or one for each set of channels.
+) -> tuple[dict[str, str], bool]:
+    """The models in which conditions are compared, by condition, and whether they suit them all.
 
-    Conditions whose own choices have channels on other signals keep those.  Taken are the simplest
-    models that suit every condition (not clearly worse than the best there, and a delay of zero in
-    no more than a tenth of the recordings) and have one channel on the error in common, so that
-    its parameters mean the same everywhere.  Where none suit all, the misfit decides.
+    Conditions whose own choices have channels on other signals keep those; the channel on the
+    error is the same in all models, so that its parameters mean the same.  A model is taken only
+    if it is determined in at least half of the recordings of each of its conditions.  Of several
+    the simplest are taken that suit every condition: not clearly worse than the best there, and a
+    delay of zero in no more than a tenth of the recordings.  Where none suit all, the misfit
+    decides.  Empty if no models are determined.
 
     Parameters
     ----------
@@ -422,18 +441,17 @@ def choose_jointly(
         The candidates' models by name.
     """
     judged = {condition: _Judged(held) for condition, held in conditions.items()}
-    groups: dict[frozenset[str], list[str]] = {}
-    for condition, own in judged.items():
-        groups.setdefault(_inputs(models[own.taken]), []).append(condition)
+    groups: dict[frozenset[str], list[_Judged]] = {}
+    for own in judged.values():
+        groups.setdefault(_inputs(models[own.taken]), []).append(own)
 
-    def rank(name: str, inputs: frozenset[str]) -> tuple[int, int, float, float]:
+    def rank(name: str, members: Sequence[_Judged]) -> tuple[bool, bool, float, float]:
         """Whether a model does not suit, and is no pilot; parameters, or misfit; misfit."""
-        every = [judged[condition] for condition in groups[inputs]]
-        left = sum(own.left(name) for own in every)
-        delayless = not all(own.is_pilot(name) for own in every)
-        if delayless or not all(name in own.close for own in every):
-            return 1, delayless, left, left
-        return 0, 0, every[0].parameters(name), left
+        left = sum(own.left(name) for own in members)
+        delayless = not all(own.is_pilot(name) for own in members)
+        if delayless or not all(name in own.close for own in members):
+            return True, delayless, left, left
+        return False, False, members[0].parameters(name), left
 
     found = []
     for family in dict.fromkeys(_on_error(model) for model in models.values()):
@@ -441,31 +459,21 @@ def choose_jointly(
         for inputs, members in groups.items():
             able = [
                 name
-                for name in judged[members[0]].names
-                if all(name in judged[condition].names for condition in members)
+                for name in members[0].names
+                if all(name in own.names and own.determines(name) for own in members)
                 and _inputs(models[name]) == inputs
                 and _on_error(models[name]) == family
             ]
             if able:
-                taken[inputs] = min(able, key=lambda name: rank(name, inputs))
+                taken[inputs] = min((rank(name, members), name) for name in able)
         if len(taken) == len(groups):
-            ranks = [rank(name, inputs) for inputs, name in taken.items()]
-            found.append((tuple(map(sum, zip(*ranks, strict=True))), taken))
+            ranks = tuple(map(sum, zip(*(own for own, _ in taken.values()), strict=True)))
+            found.append((ranks, {inputs: name for inputs, (_, name) in taken.items()}))
     if not found:
-        return {c: Choice(own.taken, own.reason(own.taken)) for c, own in judged.items()}
-    worst, taken = min(found, key=lambda pair: pair[0])
-    result = {}
-    for inputs, members in groups.items():
-        for condition in members:
-            own, name = judged[condition], taken[inputs]
-            told = [own.reason(own.taken)]
-            if name != own.taken:
-                others = listed([other for other in conditions if other != condition])
-                told.append(f"{name} is taken all the same, to compare it with {others}.")
-            if worst[0]:
-                told.append("No model suits all conditions that are compared.")
-            result[condition] = Choice(name, " ".join(told))
-    return result
+        return {}, False
+    (unsuited, *_), names = min(found, key=lambda own: own[0])
+    chosen = {c: names[_inputs(models[own.taken])] for c, own in judged.items()}
+    return chosen, not unsuited
 
 
 def _inputs(model: PilotModel) -> frozenset[str]:

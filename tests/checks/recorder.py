@@ -29,7 +29,7 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import findings
 from pilotid.recordings.recording import Recording
-from pilotid.study.comparison import WRONG
+from pilotid.study.scores import WRONG
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.remarks import remark_of
 from pilotid.support.types import FloatArray, InputError

@@ -37,16 +37,16 @@ STRATA = (
     *(f"population-{n}" for n in ("usual", "exotic", "aperiodic", "short", "recorded", "timing")),
     *("population-preview", "zero", "decimals", "bare", "stepped", "violation-*", "recorder-*"),
 )
-LATE = ("late-signal", "late-forcing", "late-control")
+LATE = ("late-signal",)
 #: Faults, and the codes of which any names them.
 NAMED = {
     **dict.fromkeys(("u late 20 ms", "u late 40 ms", "u late 100 ms", "u early 20 ms"), LATE),
     **dict.fromkeys(("x late a sample", "e late a sample", "ft late a sample"), LATE),
     **dict.fromkeys(("e, x, ft late a sample", "u causal 5 Hz", "fd late a sample"), LATE),
     "e and x exchanged": ("exchanged",),
-    "a run copied": ("copied-run",),
-    "gap of 1 s, last": ("held-samples", "lost-samples"),
-    "gap of 4 s, last": ("held-samples", "lost-samples"),
+    "a run copied": ("repeated-samples",),
+    "gap of 1 s, last": ("lost-samples",),
+    "gap of 4 s, last": ("lost-samples",),
     "u late 1000 ms": (*LATE, "output-unrelated", "little-explained"),
 }
 

@@ -12,15 +12,13 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pilotid.bounds import white_limit
 from pilotid.datasets import scenario_named
 from pilotid.datasets.experiments import experiment_of
-from pilotid.study.comparison import Score, comparison_of
-from pilotid.study.store import Store
 from pilotid.study.study import Study
 
 if TYPE_CHECKING:
@@ -39,17 +37,15 @@ HEAD = ("parameter", "bound", "bias", "bias, long record", "claimed std", "true 
 WHITE, MLE, BOUND = "#D55E00", "#0072B2", "#9A9A9A"  # Okabe and Ito, colour-blind safe
 
 
-def scores_of(replications: int, seed: int) -> dict[str, tuple[Score, ...]]:
-    """Scores of both methods, parameter by parameter."""
+def scores_of(replications: int, seed: int) -> dict[str, list[Any]]:
+    """Rows of scores of both methods, parameter by parameter."""
     study = Study((SCENARIO,), ("mle-white", "mle"), replications, seed)
-    with TemporaryDirectory() as folder, Store(Path(folder), create=True) as store:
-        for _ in study.run(store, study.enter(store)):
-            pass
-        found = comparison_of(store)
-    return {cell.method: cell.scores[1:] for cell in found.cells}
+    with TemporaryDirectory() as folder:
+        found = study.run_in(Path(folder))
+        return {m: list(found.scored(SCENARIO, m).itertuples())[1:] for m in found.methods}
 
 
-def table(found: dict[str, tuple[Score, ...]]) -> str:
+def table(found: dict[str, list[Any]]) -> str:
     scenario = scenario_named(SCENARIO)
     limit = white_limit(experiment_of(scenario))
     scatter = np.sqrt(np.diag(limit.sandwich))
@@ -63,31 +59,31 @@ def table(found: dict[str, tuple[Score, ...]]) -> str:
     ):
         truth = white.truth
         numbers = (
-            f"{100.0 * white.bound / truth:.1f}",
-            f"{white.percent.bias.value:+.1f} ± {100.0 * white.bias.error / truth:.1f}",
+            f"{100.0 * white.crlb / truth:.1f}",
+            f"{white.bias_percent:+.1f} ± {100.0 * white.bias_se / truth:.1f}",
             f"{100.0 * bias / truth:+.1f}",
-            f"{100.0 * white.claimed / truth:.1f}",
-            f"{100.0 * white.std.value / truth:.1f}",
+            f"{100.0 * white.mean_std_error / truth:.1f}",
+            f"{100.0 * white.std / truth:.1f}",
             f"{100.0 * deviation / truth:.1f}",
-            f"{white.coverage.value:.2f}",
-            f"{mle.percent.bias.value:+.1f} ± {100.0 * mle.bias.error / truth:.1f}",
-            f"{100.0 * mle.claimed / truth:.1f}",
-            f"{100.0 * mle.std.value / truth:.1f}",
-            f"{mle.coverage.value:.2f}",
+            f"{white.coverage_95:.2f}",
+            f"{mle.bias_percent:+.1f} ± {100.0 * mle.bias_se / truth:.1f}",
+            f"{100.0 * mle.mean_std_error / truth:.1f}",
+            f"{100.0 * mle.std / truth:.1f}",
+            f"{mle.coverage_95:.2f}",
         )
         lines.append(f"| {white.parameter} | {' | '.join(numbers)} |")
     counts = ", ".join(f"{name} {s[0].n} of {s[0].n + s[0].failures}" for name, s in found.items())
     return "\n".join([*lines, "", f"Fits used: {counts}."]).replace("| -0.0 ", "| 0.0 ")
 
 
-def draw(axes: Axes, white: Score, mle: Score) -> None:
+def draw(axes: Axes, white: Any, mle: Any) -> None:
     """One parameter: what each method claims, over what it does, over the bound."""
     scale = 100.0 / white.truth
-    bound = scale * white.bound
+    bound = scale * white.crlb
     axes.axhspan(-bound, bound, color=BOUND, alpha=0.35, linewidth=0)
     axes.axhline(0.0, color="#444444", linewidth=0.8)
     for place, score, colour, marker in ((0, white, WHITE, "o"), (1, mle, MLE, "s")):
-        values = (score.bias.value, score.std.value, score.claimed)
+        values = (score.bias, score.std, score.mean_std_error)
         centre, true, claimed = (scale * value for value in values)
         axes.errorbar(place, centre, yerr=true, color=colour, linewidth=1.4, capsize=4)
         axes.plot([place] * 2, [centre - claimed, centre + claimed], color=colour, linewidth=7,
@@ -104,7 +100,7 @@ def draw(axes: Axes, white: Score, mle: Score) -> None:
         axes.spines[side].set_visible(False)
 
 
-def figure(found: dict[str, tuple[Score, ...]], files: Sequence[Path]) -> None:
+def figure(found: dict[str, list[Any]], files: Sequence[Path]) -> None:
     import matplotlib as mpl
 
     mpl.use("Agg")

@@ -67,7 +67,7 @@ def analyse(
     model: list[str] | None = None,
     method: list[str] | None = None,
     contrast: list[str] | None = None,
-    model_per_condition: bool = False,
+    keep_all: bool = False,
     per_run: bool = False,
     left_out: bool = False,
     reading: Reading,
@@ -82,7 +82,7 @@ def analyse(
 ) -> None:
     """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
     given = dict(locals())
-    from pilotid.analysis.experiment import analyse as analysed
+    from pilotid.experiment.experiment import analyse as analysed
     from pilotid.pilot.catalogue import AUTO
 
     with options.resumable(out):
@@ -93,7 +93,7 @@ def analyse(
             list(options.methods_of(method, ["mle"]).values()),
             out=out,
             contrasts=contrast or (),
-            model_per_condition=model_per_condition,
+            keep_all=keep_all,
             per_run=per_run,
             left_out=left_out,
             exclude=exclude or (),
@@ -221,10 +221,10 @@ def infer(
     from pilotid.estimates.warnings import all_remarks
     from pilotid.methods.bayes import Bayes
     from pilotid.posterior.predictive import (
-        derived_spreads,
+        derived,
         loop_notes,
-        parameter_spreads,
         predictive_band,
+        sampled_parameters,
     )
     from pilotid.recordings.checks import remarks
     from pilotid.report.posterior import print_posterior, write_posterior
@@ -250,11 +250,11 @@ def infer(
         print_posterior(fit)
         return
     draws, plant = estimate.draws, choice.element
-    spreads = parameter_spreads(draws, model) + derived_spreads(draws, model, recording, plant)
+    quantities = sampled_parameters(draws, model) + derived(draws, model, recording, plant)
     predictive = predictive_band(draws, likelihood, rng)
     notes = [choice.words, *(loop_notes(draws, model, plant) if plant is not None else [])]
     fit = replace(fit, remarks=(*fit.remarks, *choice.remarks))
     if folder is not None:
-        written = write_posterior(folder, fit, spreads, predictive, plant, notes)
+        written = write_posterior(folder, fit, quantities, predictive, plant, notes)
         notes += [str(path) for path in written]
-    print_posterior(fit, spreads, predictive, notes)
+    print_posterior(fit, quantities, predictive, notes)

@@ -31,7 +31,7 @@ from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with, save_recording
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.text import sidecar_path
+from pilotid.recordings.sidecar import sidecar_path
 from pilotid.support.disk import require_free, strict_json, write_file
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.support.remarks import OF_STICK, codes_in
@@ -207,6 +207,12 @@ def fit(
     from pilotid.report.fit import html_report, print_fit
 
     entries = [f.to_dict() for f in fits]
+    if json:
+        from pilotid.datasets.named import fitted_scenario, model_place
+
+        for entry, found in zip(entries, fits, strict=True):
+            if scenario := fitted_scenario(found, model_place(model)):
+                entry["scenario"] = scenario
     printed = options.write_json(json, entries[0] if len(entries) == 1 else entries)
     if plot and report is None:
         report = Path(tempfile.mkdtemp(prefix="pilotid-")) / "report.html"

@@ -130,19 +130,16 @@ MEANINGS: dict[str, tuple[str, str]] = {
     ),
     "contrast": (
         "A:B",
-        "Conditions to compare, B less A, all if none; or parameters of one fit, such as "
-        "tlead1:tlead2; repeat.",
+        "Conditions to compare, B less A, else all that differ in one factor; or parameters of one "
+        "fit, such as tlead1:tlead2; repeat.",
     ),
-    "model_per_condition": (
-        "",
-        "Choose a model for each condition, also of those that are contrasted.",
-    ),
+    "keep_all": ("", "Count estimates that are not determined, or wrong, as well."),
     "per_run": ("", "Also fit each run separately."),
     "left_out": ("", "Leave-one-run-out cross-validation."),
     "exclude": ("subject=6,condition=C4", "Recordings to leave out; repeat."),
     "factors": (
-        "'motion=C1,C2:off;C3,C4:on;...'|F.csv",
-        "Factors that conditions are combinations of, for an analysis of variance.",
+        "'motion=C1,C2:off;C3,C4:on;...'|F.csv|FIELDS",
+        "Factors that conditions are combinations of, or fields of the pattern that are factors.",
     ),
     # Designs.
     "minimise": ("A|D|KEY,KEY", "What is made small, of relative errors."),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from pilotid.support.terminal import make_console
 
 if TYPE_CHECKING:
-    from pilotid.study.store import Result
+    from pilotid.study.table import Fit
 
 
 LONG = 10.0  # minutes from which a job says what would make it shorter
@@ -35,8 +35,8 @@ def heeding_interruptions() -> Iterator[None]:
 
 
 def with_progress(
-    results: Iterable[Result], counts: Mapping[str, int], workers: int | None = None
-) -> Iterator[Result]:
+    results: Iterable[Fit], counts: Mapping[str, int], workers: int | None = None
+) -> Iterator[Fit]:
     """The results, with a bar for each method and the time left while they come.
 
     The bars go to standard error, and only if that is a terminal; `counts` says how many fits
@@ -70,7 +70,7 @@ def with_progress(
         tasks = {name: bars.add_task(name, total=n, failed="") for name, n in counts.items() if n}
         whole = bars.add_task("all", total=total, failed="")
         for result in results:
-            method = result.unit.method
+            method = result.method
             failed[method] += not result.usable
             words = f"{failed[method]} failed" if failed[method] else ""
             bars.update(tasks[method], advance=1, failed=words)
@@ -79,8 +79,8 @@ def with_progress(
 
 
 def _with_forecast(
-    results: Iterable[Result], counts: Mapping[str, int], workers: int | None
-) -> Iterator[Result]:
+    results: Iterable[Fit], counts: Mapping[str, int], workers: int | None
+) -> Iterator[Fit]:
     """The results; after the first of them a line on about how long a long study will take."""
     from pilotid.jobs import processors
 
@@ -88,7 +88,7 @@ def _with_forecast(
     took: dict[str, float] = {}
     for number, result in enumerate(results, start=1):
         yield result
-        took.setdefault(result.unit.method, result.seconds or 0.0)
+        took.setdefault(result.method, result.seconds or 0.0)
         if number == len(counts):
             minutes = sum(took.get(name, 0.0) * n for name, n in counts.items()) / processes / 60.0
             words = f"{sum(counts.values())} fits, about {minutes:.0f} min on {processes} processes"

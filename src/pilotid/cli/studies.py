@@ -23,7 +23,7 @@ from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
     from pilotid.datasets import Scenario
-    from pilotid.study.store import Store
+    from pilotid.study.table import Store
 
 #: What reports of studies are written as.
 TABLES = (
@@ -53,8 +53,8 @@ def compare(
     from pilotid.cli.running import with_progress
     from pilotid.datasets import CATALOGUE
     from pilotid.methods import methods
-    from pilotid.study.store import Store
-    from pilotid.study.study import PROFILES, UNANSWERED, Study
+    from pilotid.study.study import PROFILES, UNANSWERED, Study, counts_of
+    from pilotid.study.table import Store
 
     if people is not None:
         if scenario or like or replications or scheduler:
@@ -77,12 +77,12 @@ def compare(
     disk.require_folder(out, TABLES, read_with([like] if like else []), force=force)
     with Store(out, create=True) as store, options.resumable(store.path):
         pending = study.enter(store, retry=retry_failed)
-        held = study.size - pending.total
-        if held:
-            words = f"{store.path}: holds {held} of {study.size} fits already"
+        size = len(study.keys)
+        if held := size - len(pending):
+            words = f"{store.path}: holds {held} of {size} fits already"
             make_console().print(words, soft_wrap=True)
         results = study.run(store, pending, workers, scheduler, time_limit or None)
-        told = with_progress(results, pending.counts, workers)
+        told = with_progress(results, counts_of(pending), workers)
         unanswered = sum(result.message == UNANSWERED for result in told)
         _finish(out, store, plot=plot)
         if unanswered:
@@ -92,7 +92,7 @@ def compare(
 
 def report(folder: Path, *, out: Path | None = None, force: bool = False) -> None:
     """Make the tables and the report of a comparison again, from its store alone."""
-    from pilotid.study.store import Store
+    from pilotid.study.table import Store
 
     with Store(folder) as store:
         if out is not None:
@@ -102,10 +102,9 @@ def report(folder: Path, *, out: Path | None = None, force: bool = False) -> Non
 
 def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
     from pilotid.report.study import compared, overview, write_report
-    from pilotid.study.comparison import comparison_of
 
-    study = comparison_of(store)
-    study.write_tables(folder)
+    study = store.comparison()
+    study.write(folder)
     path = write_report(folder, study)
     words, losses, rankings = overview(study, widest=5 if len(compared(study)) <= 5 else 0)
     show(make_console(), *losses, *(own.table for own in rankings), *words, f"report: {path}")
@@ -115,12 +114,17 @@ def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
 
 def compare_studies(first: Path, second: Path) -> None:
     """Ratios of losses on the recordings of two studies, the second over the first."""
-    from pilotid.study.comparison import find_changes, read_study
+    from pilotid.study.scores import loss_text
+    from pilotid.study.table import find_changes, read_study
 
     found, left_out = find_changes(read_study(first), read_study(second))
-    verdicts = ["better" if c.ratio.upper < 1 else "worse" * (c.ratio.lower > 1) for c in found]
     changes = table(
-        [(*c[:3], str(c.ratio), words) for c, words in zip(found, verdicts, strict=True)],
+        [
+            (*front, loss_text(*loss), "better" if loss[2] < 1 else "worse" * (loss[1] > 1))
+            for *front, loss in (
+                (*row[:3], row[3:]) for row in found.itertuples(index=False, name=None)
+            )
+        ],
         f"Losses in {second} (B) over those in {first} (A), with 95 % intervals",
         ("scenario", "method", "parameter", "loss B / A", ""),
         {"loss B / A": str},
@@ -214,8 +218,8 @@ def compare_people(
     out: Path,
 ) -> None:
     """Compare methods on published recordings, by the runs that they predict."""
-    from pilotid.analysis.experiment import analyse
-    from pilotid.analysis.report_tables import left_out_table
+    from pilotid.experiment.experiment import analyse
+    from pilotid.experiment.report import left_out_table
 
     methods = options.methods_of(method, USUAL)
     folder = fetch(name)
@@ -237,6 +241,6 @@ def compare_people(
             force=force,
         )
     report = found.write(f"pilotid compare --people {name}")
-    left_out = left_out_table(found.results.analysis.left_out)
+    left_out = left_out_table(found.results)
     show(make_console(), left_out, f"report: {report}")
     options.raise_refused(found.refused)

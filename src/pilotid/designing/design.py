@@ -7,7 +7,6 @@ bounds on errors do not depend on phases, and peaks do.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -20,17 +19,14 @@ import numpy as np
 from pilotid.bounds import GRID, LineInformation, line_information
 from pilotid.datasets.experiments import experiment_of, inputs_of
 from pilotid.datasets.forcing import Multisine
-from pilotid.datasets.named import scenario_json
-from pilotid.datasets.remnant import UNIT_LEVEL, Remnant, TabulatedRemnant
-from pilotid.datasets.scenarios import NOMINAL, Scenario
+from pilotid.datasets.named import designed_scenario, scenario_json
+from pilotid.datasets.remnant import UNIT_LEVEL
+from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import closed_loop, white_level
-from pilotid.naming.settings import name_of
-from pilotid.pilot.catalogue import model_named
-from pilotid.pilot.element import element_named
-from pilotid.support.disk import require_file, strict_json, table_bytes, write_file
+from pilotid.support.disk import strict_json, table_bytes, write_file
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng
 from pilotid.support.types import ComplexArray, FloatArray, InputError
-from pilotid.time_domain.settings import PROFILE
+from pilotid.time_domain.settings import BARTLETT_SECONDS
 
 if TYPE_CHECKING:
     from scipy.optimize import LinearConstraint
@@ -42,8 +38,6 @@ LINE, FLOOR = 0.14, 0.7
 FADE = 2.0  # s
 NORMS, STEPS, STARTS = (4, 16, 64, 256, 1024), 100, 6
 SAMPLES = 16  # for a period of the highest line, while phases are sought
-LARGEST = 2**26  # bytes of a fit's JSON
-EVERYWHERE = 1e9  # rad/s
 #: Of the logarithm of the mean variance: where the search for powers ends, and its longest way.
 TOLERANCE, ITERATIONS = 1e-11, 500
 KEPT = 1e-6  # by how much rounding may exceed a limit
@@ -147,7 +141,7 @@ def design(
     def errors(own: FloatArray, times: float = 1.0, runs: int = scenario.runs) -> Errors:
         """Bounds fall with the root of the time; those of a short recording are too small."""
         seconds = times * scenario.duration
-        short = 1.0 + PROFILE.bartlett_seconds / (runs * seconds)
+        short = 1.0 + BARTLETT_SECONDS / (runs * seconds)
         factor = short * scenario.runs / (runs * times)
         found = np.sqrt(factor * np.diag(told.covariance(own)))
         return dict(zip(keys, found.tolist(), strict=True))
@@ -358,82 +352,27 @@ def _turns(lines: FloatArray, density: int) -> ComplexArray:
     return np.asarray(np.exp(2j * np.pi * np.outer(lines, np.arange(count)) / count))
 
 
-# --------------------------------------------------------------------- the pilot of a fit
-
-
 def scenario_of_fit(path: Path, scenario: Scenario | None = None) -> Scenario:
-    """The pilot of a fit, from the JSON of ``pilotid fit --json``, as a scenario.
-
-    Forcing functions and window are the recording's own, or those of a `scenario`, which then
-    stands in for a controlled element and a remnant that the file does not have, too.
+    """The scenario in the JSON of ``pilotid fit --json``: pilot, loop, window, forcing functions.
 
     Parameters
     ----------
     path
         The file.
     scenario
-        Where the forcing functions are from; None for the recording's.
+        Where forcing functions and window are from; None for the recording's.
 
     Raises
     ------
     InputError
-        If the file does not hold one recording with an estimate that can be used.
+        If the file does not hold one recording with an estimate that can be simulated.
     """
-    require_file(path, LARGEST)
-    try:
-        held = json.loads(path.read_text(encoding="utf-8"))
-        (entry,) = held if isinstance(held, list) else [held]
-        usable = [e for e in entry["estimates"] if e["outcome"] in ("converged", "at-bound")]
-        estimate = next((e for e in usable if e.get("remnant")), usable[0])
-        values = {key: float(p["value"]) for key, p in estimate["parameters"].items()}
-        model = model_named(str(entry["model"]))
-        known: dict[str, Any] = {"model": model, "truth": tuple(model.vector(values).tolist())}
-        loops, remnant = estimate.get("loops") or {}, estimate.get("remnant")
-        if scenario is None or loops.get("element"):
-            known["element"] = element_named(loops["element"])
-        if scenario is None or remnant:
-            known["remnant"] = _remnant(remnant)
-        if scenario is None:
-            known |= _window(entry["recording"])
-    except InputError:
-        raise
-    except (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
-        raise InputError(
-            f"{path}: cannot be read as a fit; name a file that `pilotid fit --json` wrote of one "
-            "recording of sums of sines, with --element and --method mle, or name a scenario too"
-        ) from None
-    name = f"like-{path.stem}" if scenario is None else f"{scenario.name}-{path.stem}"
-    known |= {"name": name_of(name)[:60], "description": f"pilot and remnant of {path.name}"}
-    return replace(scenario or NOMINAL, **known, family="", varied="")
-
-
-def _window(recording: dict[str, Any]) -> dict[str, Any]:
-    """Forcing functions, window and units of a recording, by the names that a scenario has."""
-    sines = {
-        name: Multisine(tuple(s["lines"]), tuple(s["amplitudes"]), tuple(s["phases"]), s["period"])
-        for name, s in recording["forcing"].items()
-    }
-    return {
-        "target": sines.get("ft"),
-        "disturbance": sines.get("fd"),
-        "units": tuple(recording["units"].items()),
-        **{key: recording[key] for key in ("duration", "run_in", "dt", "runs")},
-    }
-
-
-def _remnant(estimated: dict[str, Any]) -> Remnant:
-    """The estimated remnant; above its band the density is that at its end."""
-    held = estimated["parameters"]
-    if estimated.get("model") == "second-order":
-        level = float(estimated["power_ratio"])
-        return Remnant(2, float(held["frequency"]), float(held["damping"]), level, level_is="ratio")
-    omega, density = estimated["omega"], estimated["density"]
-    return TabulatedRemnant(
-        omega=(*omega, EVERYWHERE),
-        density=(*density, density[-1]),
-        coefficients=len(held),
-        band=float(omega[-1]),
-    )
+    fitted = designed_scenario(path)
+    if scenario is None:
+        return fitted
+    own = {name: getattr(fitted, name) for name in ("model", "truth", "element", "remnant")}
+    name = f"{scenario.name}-{fitted.name}"[:60]
+    return replace(scenario, **own, name=name, family="", varied="")
 
 
 # ----------------------------------------------------------------------------------- files

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,7 +32,6 @@ def write_report(folder: Path, made: Design, command: str) -> Path:
         sentences=sentences(made),
         errors=error_table(made),
         signals=Figure("signals", signals_figure(made), caption),
-        lines=line_table(made),
         command=command,
         compare=f"pilotid compare --scenario {design} --out DIR",
     )
@@ -63,19 +62,6 @@ def error_table(made: Design) -> Table:
     rows = [(key, *(100.0 * own[key] for own in columns)) for key in made.errors]
     titles = ("parameter", "reference", "design", "twice the time", "five runs")
     return table(rows, caption, titles, dict.fromkeys(titles[1:], number))
-
-
-def line_table(made: Design) -> Table:
-    """The lines of the forcing functions: number, frequency, amplitude, phase."""
-    rows = [
-        (name, *line)
-        for name, s in sines_of(made.scenario).items()
-        for line in zip(s.lines, s.omega, s.amplitudes, s.phases, strict=True)
-    ]
-    titles = ("signal", "line", "frequency rad/s", "amplitude", "phase rad")
-    forms: dict[str, Callable[..., str]] = dict.fromkeys(titles[1:], number)
-    forms |= {"line": str, "phase rad": "{:.3f}".format}
-    return table(rows, "The lines", titles, forms, heads=2)
 
 
 def signals_figure(made: Design) -> Drawing:

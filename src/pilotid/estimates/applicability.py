@@ -7,8 +7,8 @@ import numpy as np
 from pilotid.pilot.element import parsed_element
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
-from pilotid.recordings.contents import listed
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.roles import listed
 from pilotid.recordings.spectra import NotMultisineError, at_lines, forcing_lines, told_apart
 from pilotid.support.limits import SIGNAL
 from pilotid.support.types import FloatArray, InputError

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.support.limits import ESTIMATE
 from pilotid.support.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -151,64 +150,3 @@ def _distribution(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, 
     order = np.argsort(values, kind="stable")
     own = weights[order]
     return values[order], np.cumsum(own) - 0.5 * own
-
-
-@dataclass(frozen=True, eq=False)
-class Spread:
-    """A quantity's posterior.
-
-    Attributes
-    ----------
-    key, unit
-        As printed.
-    mean, deviation
-        Posterior mean and standard deviation.
-    equal_tailed, highest_density
-        95 % intervals, shape (2,).
-    effective, r_hat
-        Of a sampled parameter; NaN for functions of several.
-    determined
-        See `pilotid.estimates.quantities.Quantity`.
-    """
-
-    key: str
-    unit: str
-    mean: float
-    deviation: float
-    equal_tailed: FloatArray
-    highest_density: FloatArray
-    effective: float = float("nan")
-    r_hat: float = float("nan")
-    determined: bool = True
-
-
-def spans_decade(lower: FloatArray | float, upper: FloatArray | float) -> BoolArray:
-    """Whether intervals of positive numbers span more than a factor of ten, of their shape."""
-    return np.asarray(upper > ESTIMATE.wide * np.asarray(lower))
-
-
-def spread_of(
-    key: str,
-    unit: str,
-    values: FloatArray,
-    weights: FloatArray | None = None,
-    *,
-    effective: float = float("nan"),
-    r_hat: float = float("nan"),
-    positive: bool = False,
-) -> Spread:
-    """The posterior of a quantity, `positive` or not, from its draws, shape (draws,)."""
-    own = np.full(values.size, 1.0 / values.size) if weights is None else weights
-    mean = float(own @ values)
-    ends = equal_tailed_interval(values, own)
-    return Spread(
-        key,
-        unit,
-        mean,
-        float(np.sqrt(own @ (values - mean) ** 2)),
-        ends,
-        shortest_interval(values, own),
-        effective,
-        r_hat,
-        not (positive and spans_decade(*ends)),
-    )

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.estimates.draws import Draws, spans_decade
+from pilotid.estimates.draws import Draws
 from pilotid.estimates.loops import Loops, loops_of
 from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate, Specification
 from pilotid.estimates.quantities import (
     Pair,
     Quantity,
     combined_by_delta,
-    combined_spreads,
+    combined_by_draws,
     frame_of,
     inseparable,
-    quantity_of,
     quantity_tables,
+    spans_decade,
 )
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
@@ -193,7 +193,7 @@ class Estimate:
         """Products and sums, by the posterior where there is one, else to first order."""
         if self.draws is None:
             return combined_by_delta(self.model.keys, self.values, self.covariance)
-        return [quantity_of(spread) for spread in combined_spreads(self.draws)]
+        return [*combined_by_draws(self.draws)]
 
     @property
     def inseparable(self) -> list[Pair]:

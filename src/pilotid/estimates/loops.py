@@ -12,8 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from pilotid.estimates.draws import Draws, spread_of
-from pilotid.estimates.quantities import Quantity, quantity_of
+from pilotid.estimates.draws import Draws
+from pilotid.estimates.quantities import Quantity, sampled
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import (
     GRID,
@@ -199,8 +199,8 @@ def sampled_loops(
         told = no_loop(name, remark, own.others)
         if len(kept):
             crossover, phase_margin = (
-                quantity_of(spread_of(key, unit, sampled))
-                for (key, unit), sampled in zip(loop_keys(name), (frequency, phase), strict=True)
+                sampled(key, unit, own)
+                for (key, unit), own in zip(loop_keys(name), (frequency, phase), strict=True)
             )
             told = replace(told, crossover=crossover, phase_margin=phase_margin)
         result.append(SampledLoop(told, frequency, phase))

@@ -225,6 +225,13 @@ def _senseless(estimate: Estimate) -> str:
     """What a usable estimate claims that cannot be."""
     values, covariance = estimate.values, estimate.covariance
     low, high = estimate.intervals.T
+    claims = [
+        covariance,
+        estimate.intervals,
+        *([] if estimate.errors is None else [estimate.errors]),
+    ]
+    if np.isfinite(values).all() and all(np.isnan(claim).all() for claim in claims):
+        return ""  # values alone
     if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
         return "a value or its covariance is not finite"
     variances = np.diag(covariance)

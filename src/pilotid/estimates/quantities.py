@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.estimates.draws import Draws, Spread, spans_decade, spread_of
+from pilotid.estimates.draws import Draws, equal_tailed_interval, shortest_interval
 from pilotid.support.format import Table, decimals, table
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
@@ -178,7 +178,7 @@ def frame_of(quantities: Sequence[Quantity]) -> DataFrame:
     from pandas import DataFrame
 
     columns = ["parameter", "unit", "value", "std_error", "lower_95", "upper_95", "determined"]
-    return DataFrame([astuple(q) for q in quantities], columns=columns)
+    return DataFrame([astuple(q)[: len(columns)] for q in quantities], columns=columns)
 
 
 def abreast(width: int) -> int:
@@ -186,11 +186,46 @@ def abreast(width: int) -> int:
     return max(1, (width - 20) // 40)  # an estimate takes some 40 characters
 
 
-def quantity_of(spread: Spread) -> Quantity:
-    """A posterior as a quantity: mean, standard deviation and equal-tailed interval."""
-    low, high = spread.equal_tailed.tolist()
-    numbers = spread.mean, spread.deviation, low, high
-    return Quantity(spread.key, spread.unit, *numbers, determined=spread.determined)
+@dataclass(frozen=True)
+class Sampled(Quantity):
+    """A quantity's posterior: mean, standard deviation and equal-tailed interval.
+
+    Attributes
+    ----------
+    highest_density
+        The shortest 95 % interval.
+    effective, r_hat
+        Of a sampled parameter; NaN for functions of several.
+    """
+
+    highest_density: tuple[float, float] = (math.nan, math.nan)
+    effective: float = math.nan
+    r_hat: float = math.nan
+
+
+def spans_decade(lower: FloatArray | float, upper: FloatArray | float) -> BoolArray:
+    """Whether intervals of positive numbers span more than a factor of ten, of their shape."""
+    return np.asarray(upper > ESTIMATE.wide * np.asarray(lower))
+
+
+def sampled(
+    key: str,
+    unit: str,
+    values: FloatArray,
+    weights: FloatArray | None = None,
+    *,
+    effective: float = math.nan,
+    r_hat: float = math.nan,
+    positive: bool = False,
+) -> Sampled:
+    """The posterior of a quantity, `positive` or not, from its draws, shape (draws,)."""
+    own = np.full(values.size, 1.0 / values.size) if weights is None else weights
+    mean, (low, high) = float(own @ values), equal_tailed_interval(values, own).tolist()
+    error = float(np.sqrt(own @ (values - mean) ** 2))
+    densest = shortest_interval(values, own)
+    known = not (positive and spans_decade(low, high))
+    ends = float(densest[0]), float(densest[1])
+    return Sampled(key, unit, mean, error, low, high, known, ends, effective, r_hat)
 
 
 #: Gain and lead time of the visual channel are correlated at about -0.99; their product, the
@@ -210,13 +245,13 @@ def _combined(keys: tuple[str, ...]) -> Iterator[tuple[str, int, int, bool]]:
             yield key, keys.index(first), keys.index(second), "+" in key
 
 
-def combined_spreads(draws: Draws) -> list[Spread]:
+def combined_by_draws(draws: Draws) -> list[Sampled]:
     """Posteriors of the products and sums."""
     found = []
     for key, i, j, summed in _combined(draws.keys):
         first, second = draws.values[:, i], draws.values[:, j]
         own = first + second if summed else first * second
-        found.append(spread_of(key, "s", own, draws.weights, positive=True))
+        found.append(sampled(key, "s", own, draws.weights, positive=True))
     return found
 
 

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from pilotid.estimates.applicability import one_signal, shared_signals
-from pilotid.estimates.draws import spans_decade
 from pilotid.estimates.estimate import Estimate, Outcome, at_bounds
+from pilotid.estimates.quantities import spans_decade
 from pilotid.pilot.factors import Factor, Lag, Lead, Neuromuscular, Parameter
 from pilotid.pilot.timevarying import STEEP
 from pilotid.recordings.recording import Recording

@@ -29,8 +29,10 @@ from pilotid.solve.least_squares import Problem, minimise
 from pilotid.solve.search import search
 from pilotid.support.numbers import Z95, chi_squared_limit
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.output_error import OutputErrors, make_estimate, record
+from pilotid.time_domain.likelihood import Likelihood
+from pilotid.time_domain.output_error import make_estimate, record
 from pilotid.time_domain.prediction import Prediction
+from pilotid.time_domain.remnant_models import Whitener
 
 #: Combinations of responses whose variance is this far below the largest one are taken for
 #: known by construction only, and left out.
@@ -231,10 +233,9 @@ def moved(values: FloatArray, prediction: Prediction, rng: np.random.Generator) 
     """Where prediction errors move an estimate to, shape (parameters,)."""
     model = prediction.model
     for _ in range(ROUNDS):
-        errors = OutputErrors(prediction)
-        errors = OutputErrors(prediction, whitener(errors.residual(values), ORDER))
-        prediction = replace(prediction, terms=errors.noticeable_terms(values))
-        errors = OutputErrors(prediction, errors.taps)
+        taps = whitener(prediction.errors(values), ORDER)
+        prediction = replace(prediction, terms=prediction.noticeable_terms(values, taps))
+        errors = Likelihood(prediction, Whitener(taps))
         values = minimise(errors.gram, values[None], model, tolerance=1e-5, iterations=20).values[0]
     # An optimum of both steps may be a local one.
     best = search(errors.gram, model, rng, known=values[None], candidates=12, refined=3)

@@ -17,15 +17,19 @@ import numpy as np
 
 from pilotid.element.fit import closing_element
 from pilotid.estimates.applicability import lines_objection
+from pilotid.estimates.estimate import is_at_bound
 from pilotid.estimates.parts import RemnantEstimate, Specification, score_test
+from pilotid.estimates.quantities import spans_decade
 from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.pilot.loops import are_stable
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.detectors import band_end
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
+from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import Minima, Problem, minimise, solve_linear
 from pilotid.solve.search import search
+from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 
 #: Share of the inputs' power at a line that must be no noise of the recorder.
@@ -77,6 +81,23 @@ class LinesFit:
     def freedom(self) -> int:
         """Degrees of freedom of the misfit."""
         return 2 * self.coefficients.lines - len(self.values)
+
+    @property
+    def determined(self) -> bool:
+        """Whether the lines tell every parameter: inside its bounds, and to a factor of ten.
+
+        Errors are those of a misfit of one for each degree of freedom, or of the larger one there
+        is.
+        """
+        model, values = self.model, self.values
+        equations = Equations(self.coefficients, model, self.power, 1.0, values)
+        size = max(1.0, self.misfit / max(self.freedom, 1))
+        covariance = covariance_of(equations.gram(values[None])[0][:-1, :-1], size)
+        if is_at_bound(model, values).any() or covariance is None:
+            return False
+        reach = Z95 * np.sqrt(np.diag(covariance)) / np.maximum(np.abs(values), 1e-300)
+        reach = np.minimum(reach, 100.0)  # of which exp is a number still
+        return not spans_decade(np.exp(-reach), np.exp(reach))[model.positive].any()
 
     @cached_property
     def _equations(self) -> Equations:

@@ -31,11 +31,9 @@ from pilotid.pilot.factors import Parameter
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import LogTransform
 from pilotid.support.types import BoolArray, FloatArray, InputError
-from pilotid.time_domain.band_likelihood import BandTerms, most_likely_regression
-from pilotid.time_domain.likelihood import PredictionErrors
+from pilotid.time_domain.band_likelihood import most_likely_regression
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.optimum import Optimum
-from pilotid.time_domain.output_error import residual_spectra
-from pilotid.time_domain.prepare import shifted_products
 from pilotid.time_domain.remnant_models import NoiseModel
 
 #: Standard deviations from the middle of a normal distribution that hold four fifths of it.
@@ -123,14 +121,15 @@ class HalfCauchy:
 Replacements = Sequence[tuple[str, Prior]]
 
 
-def default_prior(parameter: Parameter) -> Prior:
-    """The prior of a pilot parameter: what is known of it before the recording."""
+def default_prior(parameter: Parameter, times: float = 1.0) -> Prior:
+    """The prior of a pilot parameter, what is known of it before the recording, so much wider."""
     low, high = parameter.usual
+    spread = 0.5 * times / FOUR_FIFTHS
     if parameter.linear and parameter.positive:
-        return HalfCauchy(high)
+        return HalfCauchy(times * high)
     if parameter.positive:
-        return LogNormal(math.sqrt(low * high), 0.5 * math.log(high / low) / FOUR_FIFTHS)
-    return Normal(0.5 * (low + high), 0.5 * (high - low) / FOUR_FIFTHS)
+        return LogNormal(math.sqrt(low * high), spread * math.log(high / low))
+    return Normal(0.5 * (low + high), spread * (high - low))
 
 
 #: Four fifths of the remnants' break frequencies lie in 1 to 30 rad/s, of the dampings in
@@ -143,7 +142,7 @@ REMNANT: dict[str, Prior] = {
 
 
 def priors_of(
-    model: PilotModel, noise: NoiseModel, replaced: Replacements = ()
+    model: PilotModel, noise: NoiseModel, replaced: Replacements = (), times: float = 1.0
 ) -> tuple[Prior, ...]:
     """The priors of a model's parameters and, after them, of the remnant's where they are sampled.
 
@@ -156,6 +155,8 @@ def priors_of(
         `pilotid.posterior.likelihood`.
     replaced
         Priors in the place of the defaults.
+    times
+        How much wider those of the pilot are than the defaults.
 
     Raises
     ------
@@ -169,7 +170,7 @@ def priors_of(
             f"a prior is given for {', '.join(unknown)}, which model {model.name} lacks: "
             f"choose from {', '.join((*model.keys, *REMNANT))}"
         )
-    pilot = [given.get(p.key) or default_prior(p) for p in model.parameters]
+    pilot = [given.get(p.key) or default_prior(p, times) for p in model.parameters]
     keys = () if noise.regressive else noise.keys
     return (*pilot, *(given.get(key) or REMNANT[key] for key in keys))
 
@@ -177,7 +178,7 @@ def priors_of(
 BLOCK = 16  # parameter sets evaluated at once: about what the processor's cache holds
 
 
-class Likelihood:
+class Marginal:
     """Log-likelihood by pilot parameters and those of the remnant that stay.
 
     Parameters
@@ -190,7 +191,7 @@ class Likelihood:
         same seconds, which integrating over its parameters does not tell.
     """
 
-    def __init__(self, joint: PredictionErrors, widened: float = 1.0) -> None:
+    def __init__(self, joint: Likelihood, widened: float = 1.0) -> None:
         self.joint, self.widened = joint, widened
         self._terms = joint.prediction.band_terms
         #: Number of the remnant's parameters that are integrated out.
@@ -227,28 +228,21 @@ class Likelihood:
         values
             Parameter sets inside the bounds, shape (sets, parameters).
         """
-        samples = self.joint.residuals
+        terms, freedom, further = self._terms, self.joint.residuals, np.zeros(len(values))
         # What overflows is no number, which is no likelihood either.
         with np.errstate(all="ignore"):
-            closed = np.zeros(len(values))
-            if self._terms is not None:
-                loop = self.joint.prediction.loop
-                spectra = residual_spectra(loop, values[:, : self.joint.pilot])
-                closed = 2.0 * self._terms.of_loop(spectra[:, 0])
-            if not self.integrated:
-                deviance = samples * np.log(self.sums_of_squares(values))
-                if self._terms is not None:
-                    closed += 2.0 * self._terms.of_whitener(self._taps(values))
-                return np.asarray(-0.5 / self.widened * (deviance + closed))
-            products = self.lagged_products(values)
-            if self._terms is not None:
-                taps, log_determinant = most_likely_regression(products, self._terms)
-                left = np.einsum("si,sij,sj->s", taps, products, taps)
-                deviance = samples * np.log(left) + 2.0 * self._terms.of_whitener(taps)
-                return np.asarray(-0.5 / self.widened * (deviance + closed + log_determinant))
-            left, log_determinant = self._regressed(products)
-            freedom = samples - self.integrated
-            return np.asarray(-0.5 / self.widened * (freedom * np.log(left) + log_determinant))
+            if self.integrated:
+                products = self.lagged_products(values)
+                taps, further = self._regressed(products)
+                sums = np.einsum("si,sij,sj->s", taps, products, taps)
+                freedom -= self.integrated if terms is None else 0
+            else:
+                taps, sums = self._taps(values), self.sums_of_squares(values)
+            deviance = freedom * np.log(sums) + further
+            if terms is not None:
+                loop = self.joint.prediction.loop.residual_spectra(values[:, : self.joint.pilot])
+                deviance += 2.0 * (terms.of_loop(loop[:, 0]) + terms.of_whitener(taps))
+            return np.asarray(-0.5 / self.widened * deviance)
 
     def sums_of_squares(self, values: FloatArray) -> FloatArray:
         """Sums of squares of the prediction errors, shape (sets,).
@@ -261,7 +255,7 @@ class Likelihood:
         taps, prediction = self._taps(values), self.joint.prediction
         sums = np.empty(len(values))
         for block in _blocks(len(values)):
-            spectra = residual_spectra(prediction, values[block, : self.joint.pilot])
+            spectra = prediction.residual_spectra(values[block, : self.joint.pilot])
             if taps.shape[1] > 1:
                 spectra *= prediction.filter_response(taps[block])[:, None, :]
             errors = prediction.without_nuisance(prediction.samples_of(spectra))
@@ -294,29 +288,15 @@ class Likelihood:
         for block in _blocks(len(values)):
             signal = self._long_residual(values[block])
             if self._terms is not None:
-                result[block] = self._weighted_products(signal, self._terms)
-                continue
-            lags = [signal[..., order - j : order - j + scored] for j in range(order + 1)]
-            gained = signal[..., order - 1 :: -1][..., :order]
-            lost = signal[..., -1 : -order - 1 : -1]
-            change = np.einsum("sri,srj->sij", gained, gained)
-            change -= np.einsum("sri,srj->sij", lost, lost)
-            first = np.stack([np.vecdot(lags[0], lag).sum(axis=-1) for lag in lags], axis=1)
-            own = shifted_products(first, change)
-            if prediction.terms:
-                along = np.stack([lag @ prediction.nuisance_basis for lag in lags], axis=1)
-                along = along.reshape(len(signal), order + 1, -1)
-                own -= along @ along.transpose(0, 2, 1)
-            result[block] = own
+                lags = np.moveaxis(self._terms.lagged(signal, order), 0, 1)
+            else:
+                each = [signal[..., order - j : order - j + scored] for j in range(order + 1)]
+                lags = prediction.without_nuisance(np.stack(each, axis=1))
+            flat = lags.reshape(*lags.shape[:2], -1)
+            result[block] = flat @ flat.transpose(0, 2, 1)
+        if self._terms is not None:
+            result += self._terms.outside[: order + 1, : order + 1]
         return result
-
-    def _weighted_products(self, signal: FloatArray, terms: BandTerms) -> FloatArray:
-        """The products of `lagged_products` in a band, from residuals with `order` before them."""
-        order = len(self.joint.noise.keys)
-        lags = np.moveaxis(terms.lagged(signal, order), 0, 1)
-        flat = lags.reshape(len(signal), order + 1, -1)
-        inside = flat @ flat.transpose(0, 2, 1)
-        return np.asarray(inside + terms.outside[: order + 1, : order + 1])
 
     def _long_residual(self, values: FloatArray) -> FloatArray:
         """Residuals from `order` samples before the first scored one, (sets, runs, samples).
@@ -325,31 +305,26 @@ class Likelihood:
         them at other lags is then small beside the residual, whatever the offset was.
         """
         prediction, order = self.joint.prediction, len(self.joint.noise.keys)
-        spectra = residual_spectra(prediction, values[:, : self.joint.pilot])
-        signal = np.fft.irfft(spectra, n=prediction.length)
-        signal = signal[..., prediction.first - order : prediction.first + prediction.scored]
+        spectra = prediction.residual_spectra(values[:, : self.joint.pilot])
+        signal = prediction.samples_before(spectra, order)
         if not prediction.terms:
             return signal
         amplitudes = signal[..., order:] @ np.linalg.pinv(prediction.nuisance_terms).T
         time = np.arange(-order, prediction.scored) * prediction.dt
         return np.asarray(signal - amplitudes @ np.exp(np.outer(prediction.terms, time)))
 
-    @staticmethod
-    def _regressed(products: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Least sums of squares, and log-determinants of the past's products."""
-        past, across = products[:, 1:, 1:], products[:, 1:, 0]
-        solved = np.linalg.solve(past, across[..., None])[..., 0]
-        left = products[:, 0, 0] - np.einsum("si,si->s", across, solved)
-        sign, log_determinant = np.linalg.slogdet(past)
-        return np.where(sign > 0.0, left, np.nan), log_determinant
+    def _regressed(self, products: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Whitening filters that suit best, and log-determinants of what was integrated out."""
+        if self._terms is not None:
+            return most_likely_regression(products, self._terms)
+        taps = np.ones(products.shape[:2])
+        taps[:, 1:] = -np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])[..., 0]
+        sign, log_determinant = np.linalg.slogdet(products[:, 1:, 1:])
+        return taps, np.where(sign > 0.0, log_determinant, np.nan)
 
     def coefficients(self, values: FloatArray) -> FloatArray:
         """Autoregressive coefficients that suit each parameter set best, (sets, order)."""
-        products = self.lagged_products(values)
-        if self._terms is not None:
-            return most_likely_regression(products, self._terms)[0][:, 1:]
-        solved = np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])
-        return np.asarray(-solved[..., 0])
+        return self._regressed(self.lagged_products(values))[0][:, 1:]
 
 
 def _blocks(count: int) -> Iterator[slice]:
@@ -373,7 +348,7 @@ class Posterior:
         One for each of its parameters; the bounds truncate them.
     """
 
-    def __init__(self, likelihood: Likelihood, priors: tuple[Prior, ...]) -> None:
+    def __init__(self, likelihood: Marginal, priors: tuple[Prior, ...]) -> None:
         self.likelihood, self.priors = likelihood, priors
         self._scale = LogTransform(likelihood.positive)
         self._lower, self._upper = likelihood.lower, likelihood.upper

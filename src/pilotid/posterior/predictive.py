@@ -7,15 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.estimates.draws import SHARE, Draws, Spread, spread_of
+from pilotid.estimates.draws import SHARE, Draws
 from pilotid.estimates.loops import COUNT, SampledLoop, sampled_loops
-from pilotid.estimates.quantities import combined_spreads
+from pilotid.estimates.quantities import Sampled, combined_by_draws, sampled
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
-from pilotid.posterior.likelihood import Likelihood
+from pilotid.posterior.likelihood import Marginal
 from pilotid.recordings.recording import Recording
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 
 SIMULATED = 400  # recordings
@@ -52,9 +51,7 @@ class PredictiveBand:
         return float(np.mean((low <= self.control) & (self.control <= high)))
 
 
-def predictive_band(
-    draws: Draws, likelihood: Likelihood, rng: np.random.Generator
-) -> PredictiveBand:
+def predictive_band(draws: Draws, likelihood: Marginal, rng: np.random.Generator) -> PredictiveBand:
     """The band from equally weighted draws.
 
     Parameters
@@ -79,7 +76,7 @@ def predictive_band(
     shape = (len(values), *control.shape)
     answers, remnants = np.empty(shape), np.empty(shape)
     for i, own in enumerate(values):
-        spectra = residual_spectra(prediction, own[None, :pilot])
+        spectra = prediction.residual_spectra(own[None, :pilot])
         residual = prediction.without_nuisance(prediction.samples_of(spectra))[0]
         answers[i] = control - residual
         noise = deviations[i] * rng.standard_normal((len(control), SETTLE + control.shape[1]))
@@ -96,11 +93,11 @@ def predictive_band(
 BLOCK = 8  # parameter sets simulated at once
 
 
-def parameter_spreads(draws: Draws, model: PilotModel) -> list[Spread]:
+def sampled_parameters(draws: Draws, model: PilotModel) -> list[Sampled]:
     """The sampled parameters, the remnant's last."""
     units = {p.key: p.unit for p in model.parameters} | {"frequency": "rad/s"}
     return [
-        spread_of(
+        sampled(
             key,
             units.get(key, ""),
             draws.values[:, i],
@@ -113,18 +110,18 @@ def parameter_spreads(draws: Draws, model: PilotModel) -> list[Spread]:
     ]
 
 
-def derived_spreads(
+def derived(
     draws: Draws,
     model: PilotModel,
     recording: Recording,
     element: ControlledElement | None,
-) -> list[Spread]:
+) -> list[Sampled]:
     """Products and sums of parameters, the VAF, and loop margins if the element is known."""
-    result = combined_spreads(draws)
+    result = combined_by_draws(draws)
     some = draws.equally_weighted(COUNT)[:, : len(model.parameters)]
-    result.append(spread_of("VAF", "%", vafs(recording, model, some)))
+    result.append(sampled("VAF", "%", vafs(recording, model, some)))
     if element is not None and not model.no_loop:
-        result += _margin_spreads(draws, model, element)
+        result += _margins(draws, model, element)
     return result
 
 
@@ -135,25 +132,23 @@ def vafs(recording: Recording, model: PilotModel, values: FloatArray) -> FloatAr
     left = np.empty(len(values))
     for begin in range(0, len(values), BLOCK):
         block = slice(begin, begin + BLOCK)
-        samples = prediction.samples_of(residual_spectra(prediction, values[block]))
+        samples = prediction.samples_of(prediction.residual_spectra(values[block]))
         left[block] = np.mean(np.var(prediction.without_nuisance(samples), axis=2), axis=1)
     return np.asarray(np.maximum(0.0, 100.0 * (1.0 - left / spread)))
 
 
-def _margin_spreads(
-    draws: Draws, model: PilotModel, element: ControlledElement
-) -> Sequence[Spread]:
-    spreads = []
+def _margins(draws: Draws, model: PilotModel, element: ControlledElement) -> Sequence[Sampled]:
+    quantities = []
     for loop in _sampled(draws, model, element):
-        spreads += [
-            spread_of(f"{loop.loop.name} {what}", unit, values)
+        quantities += [
+            sampled(f"{loop.loop.name} {what}", unit, values)
             for what, unit, values in (
                 ("crossover", "rad/s", loop.crossover),
                 ("phase margin", "deg", loop.phase_margin),
             )
             if values.size
         ]
-    return spreads
+    return quantities
 
 
 def loop_notes(draws: Draws, model: PilotModel, element: ControlledElement) -> list[str]:

@@ -1,15 +1,17 @@
 """What a user must know about a recording before believing any estimate from it.
 
-Every check looks at the signals alone, without a model of the pilot, and gives one sentence
-that says what is wrong and what to do.  Limits were set so that no sound recording is
-remarked on: simulations of every scenario, and 110 files of recorded human pilots, stay
-below half of most of them.
+Every check looks at the signals alone, without a model of the pilot.  It is a row of `CHECKS`: a
+code, a limit, and a function that yields statistics, each with a sentence that says what is wrong
+and what to do; the first beyond the limit is told.  Limits were set so that no sound recording is
+remarked on: simulations of every scenario, and 110 files of recorded human pilots, stay below half
+of most of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,7 +37,34 @@ from pilotid.support.remarks import Remark, gravest_first
 from pilotid.support.types import BoolArray, FloatArray
 
 BLOCK = 5.0  # seconds whose mean is one observation of an offset
-LATE = ("late-signal", "late-forcing")
+Found = Iterator[tuple[float, str]]
+
+
+class Check(NamedTuple):
+    """A row of the table: what is told where a statistic is beyond the limit."""
+
+    code: str
+    limit: float
+    find: Callable[[Recording], Found]
+
+    def __call__(self, recording: Recording) -> Remark | None:
+        """What the check says of a recording."""
+        told = (words for size, words in self.find(recording) if size > self.limit)
+        words = next(told, None)
+        return None if words is None else Remark(self.code, words)
+
+
+CHECKS: list[Check] = []
+
+
+def check(code: str, limit: float = 0.0) -> Callable[[Callable[[Recording], Found]], Check]:
+    """Put a function into the table."""
+
+    def listed(find: Callable[[Recording], Found]) -> Check:
+        CHECKS.append(Check(code, limit, find))
+        return CHECKS[-1]
+
+    return listed
 
 
 def remarks(recording: Recording) -> tuple[Remark, ...]:
@@ -44,14 +73,14 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
     Empty for a sound one that is as it was recorded.
     """
     sized = unit_sized(recording)
-    found = [check(recording) for check in CHECKS]
+    found = [row(recording) for row in CHECKS]
     named = _names_by_lines(sized)
     faults = [f for f in findings(sized) if f.grade != "note"]
-    shifted = any(f.code in LATE for f in faults)
-    if named and named.code in ("not-the-error", "wrong-unit") and shifted:
+    is_late = any(f.code == "late-signal" for f in faults)
+    if named and named.code in ("not-the-error", "wrong-unit") and is_late:
         named = None  # that tells why e is not ft - x
     if named:  # explains what times and gains seem to be
-        faults = [f for f in faults if f.code not in (*LATE, "gain-differs", "includes-fd")]
+        faults = [f for f in faults if f.code not in ("late-signal", "gain-differs", "includes-fd")]
     told = [named, *found, *(Remark(f.code, f.sentence, f.grade) for f in faults)]
     treated = (
         sentence if isinstance(sentence, Remark) else Remark("preprocessed", sentence)
@@ -77,31 +106,28 @@ def _usual(recording: Recording, name: str) -> float:
     return float(np.sqrt(np.mean(square[:count])))
 
 
-def _spikes(recording: Recording) -> Remark | None:
+@check("lost-samples", SIGNAL.spike)
+def _spikes(recording: Recording) -> Found:
     """A sample far beyond all others is a code for a missing value, or a fault."""
     for name in ("e", "u", "x", *recording.extra):
         window = np.abs(recording.window(recording.input(name)))
         usual = _usual(recording, name)
         run, sample = divmod(int(np.argmax(window)), window.shape[1])
-        if usual > 0.0 and window[run, sample] > SIGNAL.spike * usual:
-            return Remark(
-                "spike",
-                f"{name} is {_sized(recording, name, float(window[run, sample]))} at "
-                f"t = {sample * recording.dt:.4g} s of run {run + 1}, "
-                f"{window[run, sample] / usual:.2g} times its usual size: a code for a "
-                "missing value or a fault; repair it or leave that part out",
+        size = float(window[run, sample])
+        if usual > 0.0:
+            yield (
+                size / usual,
+                f"{name} is {_sized(recording, name, size)} at t = {sample * recording.dt:.4g} s "
+                f"of run {run + 1}, {size / usual:.2g} times its usual size: a code for a missing "
+                "value or a fault; repair it or leave that part out",
             )
-    return None
 
 
-def _still(recording: Recording) -> Remark | None:
+@check("motionless")
+def _still(recording: Recording) -> Found:
     names = [n for n in ("e", "x") if n in recording.signals and motionless(recording, n)]
-    if not names:
-        return None
     which = " and ".join(names)
-    return Remark(
-        "motionless", f"{which} does not move: map it to the recorded signal, or record it"
-    )
+    yield len(names), f"{which} does not move: map it to the recorded signal, or record it"
 
 
 def _names_by_lines(recording: Recording) -> Remark | None:
@@ -136,7 +162,8 @@ def _names(recording: Recording) -> Remark | None:
     return None
 
 
-def _held(recording: Recording) -> Remark | None:
+@check("lost-samples", 1.0)
+def _held(recording: Recording) -> Found:
     for name, longest in (("e", SIGNAL.hold_e), ("x", SIGNAL.hold_x), ("u", SIGNAL.hold_u)):
         if motionless(recording, name):
             continue
@@ -146,34 +173,32 @@ def _held(recording: Recording) -> Remark | None:
             first, count = _longest_run(np.diff(row) == 0.0)
             # What rounding holds goes on by a step.
             around = row[[max(first - 1, 0), min(first + count + 1, row.size - 1)]]
-            if count * recording.dt > longest and np.max(np.abs(around - row[first])) > least:
-                return Remark(
-                    "held-samples",
+            if np.max(np.abs(around - row[first])) > least:
+                yield (
+                    count * recording.dt / longest,
                     f"{name} keeps one value for {count * recording.dt:.3g} s from "
                     f"t = {first * recording.dt:.4g} s on in run {run + 1}: samples seem to be "
                     "lost; leave that part or that run out",
                 )
-    return None
 
 
-def _clipped(recording: Recording) -> Remark | None:
+@check("clipped", SIGNAL.at_extreme)
+def _clipped(recording: Recording) -> Found:
     window = recording.window(recording.u)
     ends = window.max(axis=1, keepdims=True), window.min(axis=1, keepdims=True)
     share = np.mean((window == ends[0]) | (window == ends[1]), axis=1)
     run = int(np.argmax(share))
-    if share[run] <= SIGNAL.at_extreme:
-        return None
-    return Remark(
-        "clipped",
+    yield (
+        float(share[run]),
         f"u is at its largest or smallest value in {100.0 * share[run]:.0f} % of run {run + 1}: it "
         "is clipped or has few levels, and no linear model describes it",
     )
 
 
-def _drifting(recording: Recording) -> Remark | None:
+@check("drift", SIGNAL.drift)
+def _drifting(recording: Recording) -> Found:
     """A trend of the control that no signal of the loop shares was added by the recorder."""
     names = [n for n in ("e", "x", "ft", "fd") if getattr(recording, n) is not None]
-    limit = SIGNAL.drift * max(1.0, (82.0 / recording.duration) ** 1.5)
     for run in range(recording.runs):
         u = recording.window(recording.u)[run]
         signals = [recording.window(recording.input(n))[run] for n in names]
@@ -183,35 +208,31 @@ def _drifting(recording: Recording) -> Remark | None:
         if own @ own < SIGNAL.own_trend * (trend @ trend):
             continue  # a signal of the loop is a trend itself
         slope = float(own @ left) / float(own @ own)
-        rest = float(np.std(left - slope * own))
+        rest = max(float(np.std(left - slope * own)), 1e-300)
         # What the loop's own trends could have made of it as well counts for nothing.
         share = float(np.sqrt((own @ own) / (trend @ trend)))
-        if abs(slope) * share > limit * rest:
-            return Remark(
-                "drift",
-                f"u drifts by {_sized(recording, 'u', slope)} over run {run + 1}, "
-                f"{abs(slope) / max(rest, 1e-300):.1f} standard deviations of the rest, and no "
-                "other signal does: take it out with --detrend",
-            )
-    return None
+        yield (
+            abs(slope) * share / rest / max(1.0, (82.0 / recording.duration) ** 1.5),
+            f"u drifts by {_sized(recording, 'u', slope)} over run {run + 1}, "
+            f"{abs(slope) / rest:.1f} standard deviations of the rest, and no other signal does: "
+            "take it out with --detrend",
+        )
 
 
-def _offset(recording: Recording) -> Remark | None:
+@check("offset", SIGNAL.offset)
+def _offset(recording: Recording) -> Found:
     """A t-test of the control's mean, by blocks so long that the remnant forgets itself."""
     length = round(BLOCK / recording.dt)
     window = recording.window(recording.u)
     count = window.shape[1] // length
     blocks = window[:, : count * length].reshape(recording.runs, count, length).mean(axis=2)
-    if blocks.size < 6:
-        return None
-    mean, error = float(np.mean(blocks)), float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
-    if abs(mean) <= SIGNAL.offset * error:
-        return None
-    return Remark(
-        "offset",
-        f"u has an offset of {_sized(recording, 'u', mean)}, which biases methods that do not "
-        "model one: remove it",
-    )
+    if blocks.size >= 6:
+        mean, error = float(np.mean(blocks)), float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
+        yield (
+            abs(mean) / max(error, 1e-300),
+            f"u has an offset of {_sized(recording, 'u', mean)}, which biases methods that do not "
+            "model one: remove it",
+        )
 
 
 def _sized(recording: Recording, name: str, value: float) -> str:
@@ -393,76 +414,77 @@ FEWEST_BANDS = 4
 BY_SIZE = 3  # runs from which a scatter can be told
 
 
-def unlike(recording: Recording) -> Remark | None:
+@check("unlike-runs", 1.0)
+def unlike(recording: Recording) -> Found:
     """One run that is not of the same condition as the others."""
-    if recording.runs < 2:
-        return None
-    return _other_element(recording) or _other_size(recording)
+    if recording.runs >= 2:
+        yield from _other_element(recording)
+    if recording.runs >= BY_SIZE and len(same_lines(recording)) == 1:
+        yield from _other_size(recording)
 
 
-def _other_element(recording: Recording) -> Remark | None:
+def _other_element(recording: Recording) -> Found:
     """The output holds no noise, so that the element of every run shows by itself."""
     plants = [plant_of(recording, run) for run in range(recording.runs)]
     known = [plant for plant in plants if plant is not None]
     if len(known) < recording.runs:
-        return None
+        return
     good = np.all([plant.coherence >= ELEMENT.coherent for plant in known], axis=0)
     if np.count_nonzero(good) < FEWEST_BANDS:
-        return None
+        return
     size = np.array([np.log(np.abs(plant.response[good])) for plant in known])
     # A band in which one run differs may lie at a resonance; an element differs in most.
     middle = np.median(size, axis=0) if recording.runs > 2 else size[0]
-    off = np.abs(size - middle)
-    apart = np.median(off, axis=1)
+    apart = np.median(np.abs(size - middle), axis=1)
     run = int(np.argmax(apart))
-    if apart[run] <= np.log(SIGNAL.unlike_element):
-        return None
-    if recording.runs == 2:
-        return Remark(
-            "unlike-runs",
-            "the controlled elements of the two runs differ by a factor of "
-            f"{np.exp(apart[run]):.2g}: they are not of one condition, or not in one unit; fit "
-            "them one by one",
-        )
-    return Remark(
-        "unlike-runs",
-        f"the controlled element of run {run + 1} differs from that of the others by a factor of "
-        f"{np.exp(apart[run]):.2g}: it is not of their condition, or not in their unit; leave it "
-        "out",
+    yield (
+        float(apart[run] / np.log(SIGNAL.unlike_element)),
+        f"the controlled element of run {run + 1} differs from that of the "
+        f"other{'s' * (recording.runs > 2)} by a factor of {np.exp(apart[run]):.2g}: they are not "
+        "of one condition, or not in one unit; leave it out, or fit runs one by one",
     )
 
 
-def _other_size(recording: Recording) -> Remark | None:
+def _other_size(recording: Recording) -> Found:
     """A run in which a signal is far larger or smaller than in the others."""
-    if recording.runs < BY_SIZE or len(same_lines(recording)) > 1:
-        return None
     for name in ("u", "e", "x", *recording.extra):
-        if name not in recording.signals:
-            continue
         spread = np.std(recording.window(recording.input(name)), axis=1)
-        if not spread.all():
+        if name not in recording.signals or not spread.all():
             continue
         size = np.log(spread)
         for run in range(recording.runs):
             others = np.delete(size, run)
             off = float(size[run] - np.mean(others))
             scatter = float(np.hypot(np.std(others, ddof=1), SIGNAL.least_scatter))
-            if abs(off) > max(np.log(SIGNAL.unlike_size), SIGNAL.unlike_scatters * scatter):
-                return Remark(
-                    "unlike-runs",
-                    f"{name} of run {run + 1} is {np.exp(off):.2g} times as large as in the other "
-                    "runs, which differ far less among themselves: it is not of their condition, "
-                    "or was not flown through; leave it out",
-                )
-    return None
+            yield (
+                abs(off) / max(np.log(SIGNAL.unlike_size), SIGNAL.unlike_scatters * scatter),
+                f"{name} of run {run + 1} is {np.exp(off):.2g} times as large as in the other "
+                "runs, which differ far less among themselves: it is not of their condition, "
+                "or was not flown through; leave it out",
+            )
 
 
-def repeated(recording: Recording) -> Remark | None:
+@check("forcing-unanswered", -SIGNAL.answered)
+def unanswered(recording: Recording) -> Found:
+    """A control that holds nothing of the forcing functions identifies nobody."""
+    found = answers(recording) if recording.duration >= SIGNAL.answered_from else {}
+    if found:
+        coherence = max(float(np.median(a.coherence)) for a in found.values())
+        yield (
+            -max(a.strength for a in found.values()),
+            f"u does not answer to {' and '.join(found)}: at the lines it is no larger than beside "
+            f"them (coherence {coherence:.2f}); u belongs to another run, or the remnant is too "
+            "large to identify the pilot",
+        )
+
+
+@check("repeated-samples", SIGNAL.values - 1)
+def repeated(recording: Recording) -> Found:
     """Noise does not come twice: a stretch that does was copied."""
     length = round(SIGNAL.repeated / recording.dt)
     window = np.ascontiguousarray(recording.window(recording.u) + 0.0)  # no negative zero
     if window.shape[1] <= length:
-        return None
+        return
     places = window.shape[1] - length + 1
     changes = np.cumsum(np.diff(window, axis=1, prepend=window[:, :1]) != 0.0, axis=1)
     is_lively = changes[:, length - 1 :] - changes[:, :places] >= SIGNAL.values - 1
@@ -475,43 +497,10 @@ def repeated(recording: Recording) -> Remark | None:
     for first, second in sorted(zip(candidates[same], candidates[same + 1], strict=True)):
         (run, a), (again, b) = divmod(first, places), divmod(second, places)
         stretch = window[run, a : a + length]
-        if np.unique(stretch).size >= SIGNAL.values and np.array_equal(
-            stretch, window[again, b : b + length]
-        ):
-            return Remark(
-                "repeated-samples",
+        if np.array_equal(stretch, window[again, b : b + length]):
+            yield (
+                np.unique(stretch).size,
                 f"u from t = {a * recording.dt:.4g} s on in run {run + 1} comes again, to "
                 f"the last digit, from t = {b * recording.dt:.4g} s on in run {again + 1}: "
                 "a part was recorded or copied twice; leave it out",
             )
-    return None
-
-
-def unanswered(recording: Recording) -> Remark | None:
-    """A control that holds nothing of the forcing functions identifies nobody."""
-    if recording.duration < SIGNAL.answered_from:
-        return None
-    found = answers(recording)
-    if not found or any(a.strength > SIGNAL.answered for a in found.values()):
-        return None
-    which = " and ".join(found)
-    return Remark(
-        "forcing-unanswered",
-        f"u does not answer to {which}: at the lines it is no larger than beside them (coherence "
-        f"{max(float(np.median(a.coherence)) for a in found.values()):.2f}); u belongs to another "
-        "run, or the remnant is too large to identify the pilot",
-    )
-
-
-#: All checks, the gravest first.
-CHECKS: tuple[Callable[[Recording], Remark | None], ...] = (
-    _spikes,
-    _still,
-    _held,
-    _clipped,
-    _drifting,
-    _offset,
-    unlike,
-    unanswered,
-    repeated,
-)

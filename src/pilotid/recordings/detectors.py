@@ -307,7 +307,7 @@ class _Look:
             return
         late = list(self._against_forcing(found))
         yield from late
-        if not {f.code for f in (*late, *found)} & {"late-signal", "late-forcing"}:
+        if not any(f.code == "late-signal" for f in (*late, *found)):
             yield from self._against_element()
 
     def _against_forcing(self, found: Sequence[Finding]) -> Iterator[Finding]:
@@ -398,7 +398,7 @@ class _Look:
                     f"runs {one + 1} and {other + 1} have the same control: one is a copy of the "
                     "other; leave it out"
                 )
-                yield Finding("copied-run", "u", "wrong", 1.0, "", words)
+                yield Finding("repeated-samples", "u", "wrong", 1.0, "", words)
 
 
 def _late(name: str, other: str, late: float, dt: float, why: str) -> Finding:
@@ -408,7 +408,7 @@ def _late(name: str, other: str, late: float, dt: float, why: str) -> Finding:
         f": {why}; take {name} so much {by}, since delays are wrong by as much"
     )
     return Finding(
-        "late-forcing" if name in ("ft", "fd") else "late-signal",
+        "late-signal",
         name,
         "doubt" if name in ("ft", "fd") else "wrong",
         late,
@@ -526,5 +526,5 @@ def copies_among(names: Sequence[str], prints: Sequence[Sequence[str]]) -> dict[
                 f"run {one.index(copy) + 1} has the same control as run {other.index(copy) + 1} of "
                 f"{names[j]}: one is a copy of the other; leave it out"
             )
-            said[i] = [Remark("copied-run", words)]
+            said[i] = [Remark("repeated-samples", words, "wrong")]
     return said

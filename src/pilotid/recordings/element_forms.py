@@ -220,8 +220,22 @@ class Spectra:
 
     def residual(self, form: Form, values: FloatArray) -> ComplexArray:
         """What a form leaves of the output, shape (n,)."""
-        top, bottom = form.polynomials(values)
-        answer = top[::-1] @ self.delayed(len(top), float(values[-1]))
+        return self._left(*form.polynomials(values), float(values[-1]))
+
+    def unexplained(self, element: ControlledElement) -> float:
+        """Largest share of the output's amplitude in a band that an element leaves.
+
+        It is infinite for an element of a higher order than is known of the signals.
+        """
+        top, bottom = (np.trim_zeros(p, "f") for p in (element.numerator, element.denominator))
+        if len(bottom) > len(self.output) or len(top) > len(self.given):
+            return math.inf
+        left = self._left(np.array(top) / self.gain, np.array(bottom), element.delay)
+        return math.sqrt(float((power(left, self.fine) / self.size).max()))
+
+    def _left(self, top: FloatArray, bottom: FloatArray, delay: float) -> ComplexArray:
+        """What polynomials, highest power first, and a delay leave of the output, shape (n,)."""
+        answer = top[::-1] @ self.delayed(len(top), delay)
         below = np.polyval(bottom, 1j * self.omega)
         return np.asarray((bottom[::-1] @ self.output[: len(bottom)] - answer) / below)
 

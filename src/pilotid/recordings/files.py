@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import io
+import json
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from pilotid.recordings.contents import (
-    Notes,
-    Parts,
-    assembled,
+import numpy as np
+
+from pilotid.recordings.arrays import NOTES, read_arrays
+from pilotid.recordings.recording import ABSENT, LEAD_IN, SIGNALS, Recording, joined, times
+from pilotid.recordings.roles import (
+    UNEVENNESS,
+    Found,
+    Request,
+    as_runs,
+    is_level,
+    require_level,
     shown,
     signal_places,
 )
-from pilotid.recordings.recording import LEAD_IN, Recording, joined
-from pilotid.recordings.text import csv_bytes, read_sidecar, read_text, sidecar_path
+from pilotid.recordings.sidecar import parsed, sidecar_path
+from pilotid.recordings.table import read_table
 from pilotid.recordings.windows import (
     chosen_runs,
     file_and_parts,
@@ -25,11 +35,17 @@ from pilotid.recordings.windows import (
     whole_periods,
 )
 from pilotid.support.disk import path_shown, write_file
-from pilotid.support.types import InputError
+from pilotid.support.types import FloatArray, InputError
 
 TEXTS = (".csv", ".txt", ".tsv", ".dat")
 READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz")
 WRITTEN = (".csv", ".mat")
+SNAP = 1e-4  # relative: a rate this close to a whole number of hertz is that number
+#: Magnitudes that instruments and programs write where they have no value; in single precision
+#: they are a little off.
+CODES = [999.0, 9999.0, 99999.0, 999999.0, 9999999.0, 32768.0, *(10.0**n for n in range(20, 38))]
+HUGE = 1e38  # nothing that is measured is so large, but the largest numbers are so: 1e308
+APART = 5.0  # times as large as anything else in the signal
 
 
 def parse_mapping(text: str) -> dict[str, str]:
@@ -49,13 +65,11 @@ def parse_mapping(text: str) -> dict[str, str]:
     mapping: dict[str, str] = {}
     for pair in text.split(","):
         signal, equals, name = (part.strip() for part in pair.partition("="))
-        if not equals:
+        if not equals or signal in mapping:
             raise InputError(
-                f"the mapping {shown(text)} has {shown(pair)} where SIGNAL=NAME is wanted; write "
-                "for example u=stick,e=err"
+                f"the mapping {shown(text)}: {shown(pair)} must be SIGNAL=NAME, every signal once; "
+                "write for example u=stick,e=err"
             )
-        if signal in mapping:
-            raise InputError(f"the mapping {shown(text)} gives {signal} twice; give it once")
         mapping[signal] = name
     signal_places(mapping)
     return mapping
@@ -90,26 +104,143 @@ def load_recording(
         If the file cannot be used; the message says where it goes wrong.
     """
     source = path_shown(path)
-    file, names = file_and_parts(path)
-    suffix, places, parts = _suffix(file, source, READ), signal_places(mapping), Parts.of(names)
+    file, parts = file_and_parts(path)
+    pairs = [text.partition("=") for text in parts]
+    levels = {name.strip(): value.strip() for name, equals, value in pairs if equals}
+    part = ".".join(name for name, equals, _ in pairs if not equals)
+    ask = Request(mapping, part, levels, dt is not None)
+    read = read_table if _suffix(file, source, READ) in TEXTS else read_arrays
     try:
-        if suffix in TEXTS:
-            contents = read_text(file, source, places, parts, timed=dt is not None)
-        else:
-            from pilotid.recordings.containers import read_container
-
-            notes = Notes() if suffix == ".mat" else read_sidecar(file)
-            timed = dt is not None or notes.dt is not None
-            contents = read_container(file, source, places, parts, timed=timed)
-            if notes.where:
-                contents = replace(contents, notes=notes)
+        with np.errstate(all="ignore"):  # files may hold anything
+            found = read(file, source, ask)
+            recording = _assembled(found, levels, source, dt)
     except OSError as error:
         raise InputError(
             f"{path_shown(error.filename or source)}: cannot be read ({error.strerror or error}); "
             "check the file and its rights"
         ) from error
-    recording = assembled(contents, source, dt)
-    return whole_periods(recording) if periods and contents.notes.run_in is None else recording
+    return whole_periods(recording) if periods and found.notes.run_in is None else recording
+
+
+def _assembled(found: Found, levels: Mapping[str, str], source: str, dt: float | None) -> Recording:
+    """The recording in what was found of a file."""
+    notes = found.notes
+    t, signals = as_runs(found, source)
+    for name, there in found.levels.items():
+        runs = len(signals["u"])
+        if len(there) != runs:
+            raise InputError(
+                f"{source}: variable {shown(name)} has {len(there)} values but there are {runs} "
+                "runs; runs are chosen by a variable with one value a run"
+            )
+        require_level(source, name, levels[name], there)
+        chosen = [is_level(level, levels[name]) for level in there]
+        signals = {s: v[chosen] if len(v) == runs else v for s, v in signals.items()}
+    origin = {
+        signal: ", ".join(times(found.places[signal].factor, name) for name in own)
+        for signal, own in found.names.items()
+    }
+    for name, other in (("x", "e"), ("e", "x")):
+        if name not in signals and len(signals.get("ft", ())) in (1, len(signals[other])):
+            signals[name] = np.subtract(signals["ft"], signals[other], dtype=float)
+            origin[name] = f"ft - {other}"
+    if "x" not in signals:
+        signals["x"] = np.zeros_like(signals["u"])
+        origin["x"] = ABSENT
+    said = {who: own for who, own in (("--dt", dt), ("the note dt", notes.dt)) if own is not None}
+    interval, negative = _time_base(t, found.where, said, source)
+    run_in = negative if notes.run_in is None else round(notes.run_in / interval)
+    held = {"runs": (notes.runs, len(signals["u"])), "samples of run-in": (run_in, negative)}
+    for what, (own, count) in held.items():
+        if count and own not in (None, count):
+            raise InputError(
+                f"{source}: its notes say {own} {what} but it holds {count}; correct one of them"
+            )
+    own_signals: dict[str, Any] = {name: signals.pop(name, None) for name in SIGNALS}
+    recording = Recording(
+        dt=interval,
+        **own_signals,
+        run_in=run_in,
+        lines={name: tuple(lines) for name, lines in notes.lines.items()},
+        units={**{s: unit for s, unit in found.units.items() if unit and s != "t"}, **notes.units},
+        source=source,
+        controlled_element=notes.controlled_element,
+        origin=origin,
+        extra=signals,
+    )
+    for name, values in recording.arrays.items():
+        refuse_codes(values, name, source)
+    return recording
+
+
+def _time_base(
+    t: FloatArray | None, where: Callable[[int], str], said: Mapping[str, float], source: str
+) -> tuple[float, int]:
+    """Sampling interval [s] and number of samples before t = 0.
+
+    They follow from the file's times, which must increase evenly, or from what is said in their
+    place, which must agree with them; a note is the more exact.
+    """
+    if t is None:
+        dt, negative, reach = next(iter(said.values())), 0, SNAP
+    else:
+        if t.size < 2:
+            raise InputError(f"{source}: holds {t.size} samples; at least 10 s are needed")
+        steps, dt = np.diff(t), float(t[-1] - t[0]) / (t.size - 1)
+        if not steps.min() > 0.0:
+            raise InputError(
+                f"{source}: the time does not increase at {where(int(np.argmin(steps > 0.0)) + 1)};"
+                " remove repeated rows, and give repeated runs a column or a run number each"
+            )
+        if not np.abs(t - np.linspace(t[0], t[-1], t.size)).max() <= UNEVENNESS * dt < np.inf:
+            usual = float(np.median(steps))
+            worst = int(np.argmax(np.abs(steps - usual)))
+            raise InputError(
+                f"{source}: the time steps by {steps[worst]:.6g} s at {where(worst + 1)} but by "
+                f"{usual:.6g} s elsewhere; resample the recording to even steps"
+            )
+        rate = float(np.rint(1.0 / np.float64(dt)))
+        dt = 1.0 / rate if abs(dt * rate - 1.0) <= SNAP else dt
+        negative = int(np.count_nonzero(t < -UNEVENNESS * dt))
+        reach = max(SNAP, 2 * UNEVENNESS / (t.size - 1))
+    for who, own in said.items():
+        if abs(own - dt) > reach * dt:
+            raise InputError(
+                f"{source}: {who} says {own:g} s but the samples are {dt:g} s apart; leave one of "
+                "the two out"
+            )
+    return said.get("the note dt", dt), negative
+
+
+def refuse_codes(values: FloatArray, name: str, source: str) -> None:
+    """Refuse a signal in which a number stands for missing values.
+
+    Parameters
+    ----------
+    values
+        A signal, shape (runs, samples).
+    name, source
+        What it is, for messages.
+
+    Raises
+    ------
+    InputError
+        If its largest magnitude is such a code, far from all else in the signal.
+    """
+    largest = max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
+    if largest < HUGE and not np.isclose(CODES, largest, rtol=1e-6, atol=0.0).any():
+        return
+    size = np.abs(values)
+    there = size == largest
+    if APART * float(size[~there].max(initial=0.0)) >= largest or there.all():
+        return
+    run, sample = (int(i) for i in np.argwhere(there)[0])
+    count = int(np.count_nonzero(there))
+    raise InputError(
+        f"{source}: signal {name} is {values[run, sample]:g} at {count} "
+        f"sample{'s' if count > 1 else ''}, the first of them sample {sample + 1} of run "
+        f"{run + 1}: a code for missing values; repair or cut the recording there"
+    )
 
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -130,15 +261,40 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     """
     source = path_shown(path)
     file = Path(path)
-    files = {}
-    if _suffix(file, source, WRITTEN) == ".csv":
-        files[file], files[sidecar_path(file)] = csv_bytes(recording, source)
-    else:
-        from pilotid.recordings.matlab import mat_bytes
+    is_csv = _suffix(file, source, WRITTEN) == ".csv"
+    time = [f"{t:.12g}" for t in recording.time.tolist()]
+    t = np.array(time, dtype=float) if is_csv else recording.time
+    columns: dict[str, FloatArray] = {}
+    for name in recording.signals:
+        runs = recording.input(name)
+        same = name not in ("e", "u", "x") and all(r.tobytes() == runs[0].tobytes() for r in runs)
+        columns[name] = runs[:1] if same else runs
+    as_read, _ = _time_base(t, str, {}, source)
+    facts = {
+        "runs": recording.runs,
+        "run_in": recording.run_in * recording.dt,
+        "dt": None if as_read == recording.dt else recording.dt,
+        "units": {**recording.units},
+        "lines": {name: [*lines] for name, lines in recording.lines.items()},
+        "extra": [*recording.extra],
+        "controlled_element": recording.controlled_element,
+    }
+    notes = parsed(facts, source).model_dump(exclude_defaults=True)
+    if not is_csv:
+        from scipy.io import savemat  # heavy, and CSV does not need it
 
-        files[file] = mat_bytes(recording, source)
-    for target, content in files.items():
-        write_file(target, content)
+        stream = io.BytesIO()
+        turned = {name: runs.T for name, runs in columns.items()}
+        savemat(stream, {"t": t[:, np.newaxis], NOTES: notes, **turned})  # type: ignore[arg-type]
+        write_file(file, stream.getvalue())
+        return
+    cells = [["t", *time]]
+    for name, runs in columns.items():
+        for run, samples in enumerate(runs.tolist(), start=1):  # repr restores every bit
+            cells.append([f"{name}_{run}" if len(runs) > 1 else name, *map(repr, samples)])
+    text = "".join(",".join(row) + "\n" for row in zip(*cells, strict=True))
+    write_file(file, text.encode())
+    write_file(sidecar_path(file), f"{json.dumps(notes, indent=2, ensure_ascii=False)}\n".encode())
 
 
 def _suffix(file: Path, source: str, known: Collection[str]) -> str:

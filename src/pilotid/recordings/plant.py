@@ -307,7 +307,7 @@ def late(recording: Recording) -> Remark | None:
     if times[best] <= ELEMENT.late or gain < ELEMENT.smoother:
         return None
     return Remark(
-        "late-control",
+        "late-signal",
         f"u is recorded {times[best]:.2g} s after x has answered to it: the two are shifted in "
         "time; bring them together",
     )

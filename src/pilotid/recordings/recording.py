@@ -120,7 +120,7 @@ class Recording:
         if self.dt > COARSEST:
             raise InputError(
                 f"{self.source}: the sampling interval is {self.dt:.3g} s; a pilot's control needs "
-                f"at most {COARSEST:g} s between samples"
+                f"at most {COARSEST:g} s between samples; give the time in seconds"
             )
         for name in ("u", *SIGNALS):
             value = getattr(self, name)

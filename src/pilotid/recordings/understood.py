@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,164 +19,76 @@ LACKING = {
 }
 
 
-@dataclass(frozen=True)
-class Signal:
-    """One signal.
+def understood(recording: Recording) -> dict[str, Any]:
+    """What was understood of a recording, as JSON has it.
 
-    Attributes
-    ----------
-    name, meaning
-        Ours.
-    origin
-        Its name in the file, or what it follows from.
-    unit
-        Empty if unsaid.
-    rms, smallest, largest
-        Over the measurement window of all runs.
+    The keys are ``runs``, ``rate`` [Hz], ``duration`` and ``run_in`` [s] of the measurement window
+    and before it; ``unscored``, the seconds at its beginning that methods in the time domain do
+    not score; ``signals``, and ``missing`` with what that means; ``forcing``; ``rest``, the share
+    of the time that the control keeps one value for 0.2 s or longer; ``element_coherence``, the
+    mean squared coherence of x with u + fd, None if unknown; and ``controlled_element``, what the
+    file says of it.
+
+    A signal has ``name``, ``meaning``, ``origin`` (its name in the file, or what it follows from),
+    ``unit``, and ``rms``, ``smallest`` and ``largest`` over the window of all runs.
+
+    A forcing function has ``name``, ``lines`` (multiples of ``base``, 2 pi / T of the window in
+    rad/s) with ``lowest`` and ``highest`` [rad/s]; ``given``, whether the file names the lines;
+    ``answered``, at how many of them the control stands out of its noise, and the median
+    ``coherence`` there, None where unknown; ``why`` there are no lines, empty if there are.
     """
-
-    name: str
-    meaning: str
-    origin: str
-    unit: str
-    rms: float
-    smallest: float
-    largest: float
-
-
-@dataclass(frozen=True)
-class Forcing:
-    """What is known of one forcing function.
-
-    Attributes
-    ----------
-    name
-        ``ft`` or ``fd``.
-    lines
-        Multiples of `base`; empty if it is no multisine.
-    base
-        2 pi / T of the measurement window [rad/s].
-    lowest, highest
-        Range of the lines [rad/s], None without lines.
-    given
-        Whether the file names the lines; else they were found.
-    answered, coherence
-        At how many lines the control stands out of its noise, and the median share of its power
-        at the lines that is no noise; None where it is not known.
-    why
-        Why there are no lines, empty if there are.
-    """
-
-    name: str
-    lines: tuple[int, ...]
-    base: float
-    lowest: float | None
-    highest: float | None
-    given: bool
-    answered: int | None
-    coherence: float | None
-    why: str
-
-
-@dataclass(frozen=True)
-class Understood:
-    """What was understood of a recording.
-
-    Attributes
-    ----------
-    runs, rate, duration, run_in
-        Number of runs, sampling rate [Hz], length of the measurement window and of the run-in [s].
-    unscored
-        Seconds at the beginning of the window that methods in the time domain do not score.
-    signals, missing
-        What is there, and what is not, with what that means.
-    forcing
-        The forcing functions that are there.
-    rest
-        Share of the time that the control keeps one value for 0.2 s or longer.
-    element_coherence
-        Mean squared coherence of x with u + fd, 1 for an element without noise; None if unknown.
-    controlled_element
-        What the file says of it.
-    """
-
-    runs: int
-    rate: float
-    duration: float
-    run_in: float
-    unscored: float
-    signals: tuple[Signal, ...]
-    missing: dict[str, str]
-    forcing: tuple[Forcing, ...]
-    rest: float
-    element_coherence: float | None
-    controlled_element: str
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain objects, as JSON has them."""
-        return asdict(self)
-
-
-def understood(recording: Recording) -> Understood:
-    """What was understood of a recording."""
     plant = plant_of(recording)
     run_in = recording.run_in * recording.dt
-    return Understood(
-        runs=recording.runs,
-        rate=1.0 / recording.dt,
-        duration=recording.duration,
-        run_in=run_in,
-        unscored=max(0.0, recording.lead_in - run_in),
-        signals=tuple(_signal(recording, name) for name in recording.signals),
-        missing={n: why for n, why in LACKING.items() if n not in recording.signals},
-        forcing=_forcing(recording),
-        rest=_rest(recording),
-        element_coherence=None if plant is None else plant.mean_coherence,
-        controlled_element=recording.controlled_element,
-    )
+    return {
+        "runs": recording.runs,
+        "rate": 1.0 / recording.dt,
+        "duration": recording.duration,
+        "run_in": run_in,
+        "unscored": max(0.0, recording.lead_in - run_in),
+        "signals": [_signal(recording, name) for name in recording.signals],
+        "missing": {n: why for n, why in LACKING.items() if n not in recording.signals},
+        "forcing": [
+            _forcing(recording, name)
+            for name in ("ft", "fd")
+            if getattr(recording, name) is not None or name in recording.lines
+        ],
+        "rest": _rest(recording),
+        "element_coherence": None if plant is None else plant.mean_coherence,
+        "controlled_element": recording.controlled_element,
+    }
 
 
-def _signal(recording: Recording, name: str) -> Signal:
+def _signal(recording: Recording, name: str) -> dict[str, Any]:
     window = recording.window(recording.input(name))
-    return Signal(
-        name,
-        SIGNALS.get(name, "extra signal"),
-        recording.origin.get(name, name),
-        recording.units.get(name, ""),
-        float(np.sqrt(np.mean(window**2))),
-        float(window.min()),
-        float(window.max()),
-    )
+    return {
+        "name": name,
+        "meaning": SIGNALS.get(name, "extra signal"),
+        "origin": recording.origin.get(name, name),
+        "unit": recording.units.get(name, ""),
+        "rms": float(np.sqrt(np.mean(window**2))),
+        "smallest": float(window.min()),
+        "largest": float(window.max()),
+    }
 
 
-def _forcing(recording: Recording) -> tuple[Forcing, ...]:
-    base = 2.0 * np.pi / recording.duration
-    answered = answers(recording)
-    found = []
-    for name in ("ft", "fd"):
-        given = name in recording.lines
-        if getattr(recording, name) is None and not given:
-            continue
-        lines, why = [], "it does not move"
-        try:
-            lines = lines_of(recording, name).tolist()
-        except NotMultisineError as error:
-            why = str(error)
-        answer = answered.get(name)
-        found.append(
-            Forcing(
-                name,
-                tuple(lines),
-                base,
-                lines[0] * base if lines else None,
-                lines[-1] * base if lines else None,
-                given,
-                None if answer is None else answer.loud,
-                None if answer is None else float(np.median(answer.coherence)),
-                "" if lines else why,
-            )
-        )
-    return tuple(found)
+def _forcing(recording: Recording, name: str) -> dict[str, Any]:
+    base, answer = 2.0 * np.pi / recording.duration, answers(recording).get(name)
+    lines, why = [], "it does not move"
+    try:
+        lines = lines_of(recording, name).tolist()
+    except NotMultisineError as error:
+        why = str(error)
+    return {
+        "name": name,
+        "lines": lines,
+        "base": base,
+        "lowest": lines[0] * base if lines else None,
+        "highest": lines[-1] * base if lines else None,
+        "given": name in recording.lines,
+        "answered": None if answer is None else answer.loud,
+        "coherence": None if answer is None else float(np.median(answer.coherence)),
+        "why": "" if lines else why,
+    }
 
 
 def _rest(recording: Recording) -> float:

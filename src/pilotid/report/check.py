@@ -19,7 +19,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import Finding, copies_among, findings, fingerprints
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.understood import REST, Forcing, Understood, understood
+from pilotid.recordings.understood import REST, understood
 from pilotid.support.format import Line, Table, as_html, as_text, table
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
@@ -53,7 +53,7 @@ class Checked:
     models: Sequence[PilotModel]
 
     @cached_property
-    def understood(self) -> Understood:
+    def understood(self) -> dict[str, Any]:
         """Signals, forcing functions and their lines, rate, durations."""
         return understood(self.recording)
 
@@ -84,7 +84,7 @@ class Checked:
         return {
             "recording": {**self.recording.to_dict(), **remarks_json(self.remarks)},
             "understood": {
-                **self.understood.to_dict(),
+                **self.understood,
                 "recorder": [asdict(fault) for fault in self.recorder],
                 "element": _element(self.element),
                 "constancy": self.constancy,
@@ -98,10 +98,7 @@ class Checked:
         """What the terminal shows."""
         facts = self.understood
         titles = ("signal", "what it is", "from", "unit", "rms", "smallest", "largest")
-        rows = [
-            (s.name, s.meaning, s.origin, s.unit, s.rms, s.smallest, s.largest)
-            for s in facts.signals
-        ]
+        rows = [tuple(signal.values()) for signal in facts["signals"]]
         signals = table(rows, "", titles, dict.fromkeys(titles[4:], "{:.4g}".format))
         lines = [*_lines(facts), f"controlled element: {_element(self.element)}"]
         if self.constancy:
@@ -223,36 +220,37 @@ def _element(choice: ElementChoice) -> str:
     return f"{choice.element.name} ({how.get(choice.origin, choice.origin)})"
 
 
-def _lines(facts: Understood) -> list[str]:
-    lines = [_forcing(forcing) for forcing in facts.forcing]
-    lines += [f"no {name}: {why}" for name, why in facts.missing.items()]
-    if facts.unscored:
+def _lines(facts: dict[str, Any]) -> list[str]:
+    lines = [_forcing(forcing) for forcing in facts["forcing"]]
+    lines += [f"no {name}: {why}" for name, why in facts["missing"].items()]
+    if facts["unscored"]:
         lines.append(
-            f"methods in the time domain do not score the first {facts.unscored:.3g} s of the "
+            f"methods in the time domain do not score the first {facts['unscored']:.3g} s of the "
             "window, for want of a longer run-in (--lead-in)"
         )
     else:
         lines.append("all of the window is scored: the run-in is long enough")
-    if facts.rest >= MUCH_REST:
+    if facts["rest"] >= MUCH_REST:
         lines.append(
-            f"u rests at one value for {REST:g} s and more in {100.0 * facts.rest:.0f} % of the "
+            f"u rests at one value for {REST:g} s and more in {100.0 * facts['rest']:.0f} % of the "
             "time (stiction or breakout force?). Linear models will attribute this to remnant"
         )
     return lines
 
 
-def _forcing(forcing: Forcing) -> str:
-    if not forcing.lines or forcing.lowest is None or forcing.highest is None:
-        return f"{forcing.name}: no lines: {forcing.why}"
+def _forcing(forcing: dict[str, Any]) -> str:
+    lines = forcing["lines"]
+    if not lines:
+        return f"{forcing['name']}: no lines: {forcing['why']}"
     words = (
-        f"{forcing.name}: {len(forcing.lines)} lines {'given' if forcing.given else 'found'}, "
-        f"{forcing.lines[0]} to {forcing.lines[-1]} times {forcing.base:.4g} rad/s "
-        f"({forcing.lowest:.3g} to {forcing.highest:.3g} rad/s)"
+        f"{forcing['name']}: {len(lines)} lines {'given' if forcing['given'] else 'found'}, "
+        f"{lines[0]} to {lines[-1]} times {forcing['base']:.4g} rad/s "
+        f"({forcing['lowest']:.3g} to {forcing['highest']:.3g} rad/s)"
     )
-    if forcing.answered is not None:
+    if forcing["answered"] is not None:
         words += (
-            f"; u stands out of its noise at {forcing.answered} of them (coherence "
-            f"{forcing.coherence:.2f} in the median)"
+            f"; u stands out of its noise at {forcing['answered']} of them (coherence "
+            f"{forcing['coherence']:.2f} in the median)"
         )
     return words
 

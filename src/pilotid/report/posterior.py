@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pilotid.estimates.draws import Draws, Spread
+from pilotid.estimates.draws import Draws
 from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.quantities import UNDETERMINED
+from pilotid.estimates.quantities import UNDETERMINED, Sampled
 from pilotid.pilot.element import ControlledElement
 from pilotid.posterior.predictive import PredictiveBand
 from pilotid.report.fit import figures_of, words_of
@@ -31,7 +31,7 @@ AGREE, ENOUGH = 1.01, 400.0
 OF_FITS = ("describing-function", "open-loop", "remnant", "residual-tests")
 
 
-def spread_table(spreads: Sequence[Spread]) -> Table:
+def quantity_table(quantities: Sequence[Sampled]) -> Table:
     """A row for each quantity."""
 
     def ends(low: float, high: float, error: float) -> str:
@@ -39,12 +39,12 @@ def spread_table(spreads: Sequence[Spread]) -> Table:
 
     rows = [
         (
-            *(s.key, s.unit, to_error(s.mean, s.deviation, 9) if s.determined else UNDETERMINED),
-            to_error(s.deviation, s.deviation, 9) if s.determined else "",
-            *((*s.equal_tailed, s.deviation), (*s.highest_density, s.deviation)),
+            *(s.key, s.unit, to_error(s.value, s.std_error, 9) if s.determined else UNDETERMINED),
+            to_error(s.std_error, s.std_error, 9) if s.determined else "",
+            *((s.lower, s.upper, s.std_error), (*s.highest_density, s.std_error)),
             *(s.effective, s.r_hat),
         )
-        for s in spreads
+        for s in quantities
     ]
     forms: dict[str, Callable[..., str]] = {
         "mean": str,
@@ -59,7 +59,7 @@ def spread_table(spreads: Sequence[Spread]) -> Table:
 
 def print_posterior(
     fit: Fitted,
-    spreads: Sequence[Spread] = (),
+    quantities: Sequence[Sampled] = (),
     predictive: PredictiveBand | None = None,
     notes: Sequence[str] = (),
 ) -> None:
@@ -68,7 +68,7 @@ def print_posterior(
     show(
         make_console(),
         Line(fit.heading, "heading"),
-        *[spread_table(spreads)] * bool(spreads),
+        *[quantity_table(quantities)] * bool(quantities),
         Line(estimate.verdict(), "" if estimate.outcome.usable else "failure"),
         *([] if estimate.draws is None else convergence_words(estimate.draws)),
         *([] if predictive is None else [inside_words(predictive)]),
@@ -80,7 +80,7 @@ def print_posterior(
 def write_posterior(
     folder: Path,
     fit: Fitted,
-    spreads: Sequence[Spread],
+    quantities: Sequence[Sampled],
     predictive: PredictiveBand,
     element: ControlledElement | None = None,
     notes: Sequence[str] = (),
@@ -93,7 +93,7 @@ def write_posterior(
         Where to; it exists.
     fit
         What was fitted, with one estimate that has draws.
-    spreads, predictive
+    quantities, predictive
         What follows from the draws.
     element
         The controlled element, for the open loops; None for that which the recording names.
@@ -107,21 +107,21 @@ def write_posterior(
     estimate = fit.estimates[0]
     draws = estimate.draws
     assert draws is not None
-    figures = posterior_figures(fit, predictive, {s.key: s.unit for s in spreads}, element)
+    figures = posterior_figures(fit, predictive, {s.key: s.unit for s in quantities}, element)
     page = render(
         "posterior.html",
         title="Posterior of a pilot model",
         contents=[],
         fit=words_of(fit),
-        quantities=spread_table(spreads),
+        quantities=quantity_table(quantities),
         notes=notes,
         convergence=[*convergence_words(draws), inside_words(predictive)],
         figures=figures,
     )
     rows = []
-    for s in spreads:
-        ends = *s.equal_tailed, *s.highest_density
-        rows.append((s.key, s.unit, s.mean, s.deviation, *ends, s.effective, s.r_hat))
+    for s in quantities:
+        ends = s.lower, s.upper, *s.highest_density
+        rows.append((s.key, s.unit, s.value, s.std_error, *ends, s.effective, s.r_hat))
     contents = {
         "report.html": page.encode("utf-8", "replace"),
         "draws.npy": draws_bytes(draws),

@@ -9,6 +9,8 @@ from pathlib import Path
 from shlex import quote
 from typing import Any
 
+import numpy as np
+
 from pilotid.naming.settings import shown
 from pilotid.report import study_figures as figures
 from pilotid.report.page import FIGURES, Figure, render, save_figures, write_page
@@ -18,8 +20,11 @@ from pilotid.report.study_tables import (
     Ranking,
     advice,
     by_mean_loss,
+    covered,
     failure_table,
     key_of,
+    loss_of,
+    loss_ratio,
     matrices,
     mean_loss,
     ranked,
@@ -29,10 +34,11 @@ from pilotid.report.study_tables import (
     remark_table,
     start_table,
     trust_table,
+    verdict,
 )
-from pilotid.study.comparison import ALL, Comparison, MethodResults, loss_ratios
-from pilotid.study.judge import LIMITS, USABLE, judge, sentence
-from pilotid.study.scores import EFFICIENT, loss_text
+from pilotid.study.judge import LIMITS, USABLE, fails_often, sentence
+from pilotid.study.scores import ALL, EFFICIENT, loss_text
+from pilotid.study.table import Comparison, Entry
 from pilotid.support.disk import write_file
 from pilotid.support.format import Table, number, share, table
 
@@ -77,8 +83,8 @@ def content_of(study: Comparison) -> dict[str, Any]:
     """What the page shows: sentences, tables and figures, by the names that its template has."""
     told, names = read_trust(study.folder), compared(study)
     words, losses, rankings = overview(study)
-    recorders = [name for name in names if study.entry(name).family == RECORDER]
-    trends, scenarios = _trends(study), [_scenario(study, name) for name in study.names]
+    recorders = [name for name in names if study.scenarios[name].family == RECORDER]
+    trends, scenarios = _trends(study), [_scenario(study, name) for name in study.scenarios]
     contents = [
         *[("trust", "What the fit is worth")] * bool(told),
         ("summary", "Which method to use"),
@@ -130,10 +136,15 @@ def overview(
     """
     names = compared(study)
     shown = names if len(names) <= OPEN else [_reference(names)]
-    words = [answer(study.of(name)) for name in shown]
-    rankings = [ranking(study.of(name)) for name in shown]
+    words = [answer(study, name) for name in shown]
+    rankings = [ranking(study, name) for name in shown]
+    if prior := [f"`{m}`" for m, entry in study.methods.items() if "prior" in entry.settings]:
+        words.append(
+            f"* {', '.join(prior)} use prior knowledge: the range that parameters of pilots "
+            "usually have. `bayes(prior=3)` has priors three times as wide."
+        )
     if len(names) < 2:
-        return words if study.cells else ["The study holds no fits yet."], [], rankings
+        return words if study.scenarios else ["The study holds no fits yet."], [], rankings
     return [_over_all(study, names), *words], matrices(study, names, widest), rankings
 
 
@@ -147,7 +158,7 @@ def _over_all(study: Comparison, names: Sequence[str]) -> str:
     if not means:
         return f"No method is ranked in all {len(names)} scenarios."
     best, *others = means
-    words = f"Over these {len(names)} scenarios **`{best}` is best**: mean loss "
+    words = f"Over these {len(names)} scenarios **`{best}` is best**: geometric mean "
     return f"{words}{loss_text(means[best])}" + (
         f", then `{others[0]}`, {loss_text(means[others[0]])}." if others else "."
     )
@@ -155,37 +166,37 @@ def _over_all(study: Comparison, names: Sequence[str]) -> str:
 
 def compared(study: Comparison) -> list[str]:
     """Scenarios and populations of which means say something."""
-    return [entry.name for entry in study.scenarios if not entry.one_recording]
+    return [name for name, entry in study.scenarios.items() if not entry.one_recording]
 
 
 def _reference(names: Sequence[str]) -> str:
     return REFERENCE if REFERENCE in names else names[0]
 
 
-def answer(cells: Sequence[MethodResults]) -> str:
+def answer(study: Comparison, name: str) -> str:
     """Which method to take in a scenario, how much better it is than the next, which to avoid."""
-    name = cells[0].scenario.name
-    order = [cell for cell in ranked(cells) if math.isfinite(cell.overall.loss.value)]
+    every = ranked(study, name)
+    order = [row for row in every if math.isfinite(row.loss) and not fails_often(row)]
     if not order:
-        return f"On `{name}` no method can be ranked: none gives intervals."
+        return f"On `{name}` no method can be ranked: none gives intervals and seldom fails."
     best, *others = order
-    grade = judge(best.scores).grade
-    count = f" of {len(cells)}" if others else ""
-    words = f"On `{name}`, **`{best.method}` is best**{count}: loss {best.overall.loss}, {grade}."
+    grade, loss = verdict(study, best).grade, loss_text(*loss_of(best))
+    count = f" of {len(every)}" if others else ""
+    words = f"On `{name}`, **`{best.method}` is best**{count}: loss {loss}, {grade}."
     if grade == "poor":
         words = (
             f"On `{name}` no method is good enough: `{best.method}`, the best, is poor, with a "
-            f"loss of {best.overall.loss}."
+            f"loss of {loss}."
         )
-    alike = [cell for cell in others if (r := loss_ratios(cell, best)[ALL]).lower <= 1.0 <= r.upper]
+    ratios = {row.method: loss_ratio(study, row, best) for row in others}
+    alike = [method for method, (_, low, high) in ratios.items() if low <= 1.0 <= high]
     if alike:
-        listed = ", ".join(f"`{cell.method}`" for cell in alike)
+        listed = ", ".join(f"`{method}`" for method in alike)
         words += f" Not clearly worse (the ratio of losses may be 1): {listed}."
-    worse = next((cell for cell in others if cell not in alike), None)
+    worse = next((method for method in ratios if method not in alike), None)
     if worse is not None:
-        ratio = loss_ratios(worse, best)[ALL]
-        words += f" Next, clearly worse: `{worse.method}`, {ratio} times that loss."
-    poor = [f"`{cell.method}`" for cell in others if cell.overall.loss.lower >= USABLE]
+        words += f" Next, clearly worse: `{worse}`, {loss_text(*ratios[worse])} times that loss."
+    poor = [f"`{row.method}`" for row in others if row.loss_lower >= USABLE]
     if poor and grade != "poor":
         words += f" **Do not use** {', '.join(poor)}: loss surely above {USABLE:g}."
     return words
@@ -193,15 +204,15 @@ def answer(cells: Sequence[MethodResults]) -> str:
 
 def _sentences(study: Comparison, name: str) -> list[str]:
     """What a reader should know of each method in a scenario."""
-    return [sentence(cell.method, cell.scores) for cell in ranked(study.of(name))]
+    return [sentence(row.method, study.scored(name, row.method)) for row in ranked(study, name)]
 
 
 def _cost(study: Comparison, names: Sequence[str]) -> Figure | None:
     """Loss over time in the reference scenario."""
-    order = ranked(study.of(_reference(names))) if names else []
-    if not any(cell.seconds > 0.0 and cell.overall.loss.value > 0.0 for cell in order):
+    order = ranked(study, _reference(names)) if names else []
+    if not any(row.seconds > 0.0 and row.loss > 0.0 for row in order):
         return None
-    name = order[0].scenario.name
+    name = order[0].scenario
     return Figure(
         "cost",
         figures.cost(order),
@@ -213,37 +224,37 @@ def _cost(study: Comparison, names: Sequence[str]) -> Figure | None:
 
 def _scenario(study: Comparison, name: str) -> dict[str, Any]:
     """All on one scenario or population, which the page folds."""
-    entry, cells, names = study.entry(name), study.of(name), compared(study)
-    power, usable = study.remnant_ratio(name), [cell for cell in cells if cell.usable]
-    remnant = f"; remnant {100 * power:.0f} % of the control's power" if power == power else ""
+    entry, names = study.scenarios[name], compared(study)
+    usable = [row.method for row in study.of(name).itertuples() if row.usable]
+    power = entry.remnant
+    remnant = "" if power is None else f"; remnant {100 * power:.0f} % of the control's power"
     what = f"{entry.description[:1].upper()}{entry.description[1:]}{remnant}"
     apart = len(names) > OPEN and name != _reference(names)
     known = name in names and len(names) > 1
-    tables = [remark_table(cells)] if entry.family in (RECORDER, VIOLATION) else []
+    tables = [remark_table(study, name)] if entry.family in (RECORDER, VIOLATION) else []
     drawn: list[Figure] = []
     if entry.one_recording:
-        tables.append(start_table(cells))
+        tables.append(start_table(study, name))
     elif entry.population:
-        drawn = _population(key_of(name), usable)
+        drawn = _population(study, name, usable)
     elif usable:
-        drawn = [_errors(key_of(name), usable)]
+        drawn = [_errors(study, name)]
     return {
         "key": key_of(name),
         "title": f"Scenario {name}",
         "what": f"{what}; model {entry.model}.",
-        "ranking": ranking(cells) if known and apart else None,
+        "ranking": ranking(study, name) if known and apart else None,
         "sentences": _sentences(study, name) if known else [],
         "tables": tables,
-        "weak": [words for cell in usable if entry.population and (words := _weakest(cell))],
+        "weak": _weakest(study, name, usable) if entry.population else [],
         "figures": drawn,
     }
 
 
-def _errors(key: str, cells: Sequence[MethodResults]) -> Figure:
-    name = cells[0].scenario.name
+def _errors(study: Comparison, name: str) -> Figure:
     return Figure(
-        f"errors-{key}",
-        figures.errors(cells),
+        f"errors-{key_of(name)}",
+        figures.errors(study, name),
         f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
         f"Cramér-Rao bound. Each panel has its own scale; a triangle marks a method whose "
         f"mean error lies outside it. {NUMBERS}",
@@ -251,15 +262,15 @@ def _errors(key: str, cells: Sequence[MethodResults]) -> Figure:
     )
 
 
-def _population(key: str, cells: Sequence[MethodResults]) -> list[Figure]:
+def _population(study: Comparison, name: str, methods: Sequence[str]) -> list[Figure]:
     """Where in a population methods are weak, and how their errors are distributed."""
-    if not any(cell.overall.n for cell in cells):
+    key = key_of(name)
+    if not study.of(name).n.any():
         return []
-    name = cells[0].scenario.name
     return [
         Figure(
             f"coverage-{key}",
-            figures.by_stratum(cells),
+            figures.by_stratum(study, name, methods),
             f"`{name}`: share of the 95 % intervals that hold the truth, over all parameters, in "
             "parts of the recordings. Bars: 95 % Monte Carlo intervals; grey: 93.5 to 96.5 %; a "
             "hollow triangle marks a share to the left of the axis. "
@@ -268,7 +279,7 @@ def _population(key: str, cells: Sequence[MethodResults]) -> list[Figure]:
         ),
         Figure(
             f"errors-{key}",
-            figures.by_parameter(cells),
+            figures.by_parameter(study, name, methods),
             f"`{name}`: error over claimed error in ascending order, against the quantiles of a "
             "normal distribution, where an exact method lies on the line. Grey: where 95 % of each "
             f"quantile would lie for as many recordings. {NUMBERS}",
@@ -277,37 +288,35 @@ def _population(key: str, cells: Sequence[MethodResults]) -> list[Figure]:
     ]
 
 
-def _weakest(cell: MethodResults) -> str:
-    """The part of a population where a method loses most, in words."""
-    found = [
-        (scores[0].loss.value, f"{name} {value}", scores[0])
-        for (name, value), scores in cell.parts.items()
-        if len(cell.strata[name]) > 1
-        and scores[0].tried >= FEWEST
-        and math.isfinite(scores[0].loss.value)
-    ]
-    if not found:
-        return ""
-    loss, where, own = max(found, key=lambda each: each[:2])
-    covered = share(own.coverage.value, own.coverage_interval)
-    return (
-        f"`{cell.method}` loses most in {where}: {number(loss)} in {own.tried} fits, "
-        f"coverage {covered} %."
-    )
+def _weakest(study: Comparison, name: str, methods: Sequence[str]) -> list[str]:
+    """The part of a population where each method loses most, in words."""
+    rows = study.scores[(study.scores.scenario == name) & (study.scores.parameter == ALL)]
+    rows = rows[rows.method.isin(methods)]
+    divided = rows.groupby(["method", "stratum"]).value.transform("nunique") > 1
+    found = rows[divided & (rows.recordings >= FEWEST) & np.isfinite(rows.loss)]
+    words = []
+    for _, own in found.groupby("method", sort=False):
+        row = max(own.itertuples(), key=lambda row: (row.loss, f"{row.stratum} {row.value}"))
+        words.append(
+            f"`{row.method}` loses most in {row.stratum} {row.value}: {number(row.loss)} in "
+            f"{row.recordings} fits, coverage {share(*covered(row))} %."
+        )
+    return words
 
 
 def _trends(study: Comparison) -> list[Figure]:
     """Errors over the one number in which the scenarios of a family differ."""
     varied = {
         str(e.settings["varied"]): e.family
-        for e in study.scenarios
+        for e in study.scenarios.values()
         if e.family and e.settings.get("varied")
     }
     drawn: list[Figure] = []
     for path, family in varied.items():
-        own = [e for e in study.scenarios if e.family == family]
+        own = [e for e in study.scenarios.values() if e.family == family]
         points = {e.number(path): e.name for e in own}
-        same = [e for e in study.scenarios if e.name == REFERENCE and e.model == own[0].model]
+        near = study.scenarios.get(REFERENCE)
+        same = [near] if near and near.model == own[0].model else []
         points = {e.number(path): e.name for e in same} | points
         known = [(name, x) for x, name in points.items() if x > 0.0]
         if len(known) < 2:
@@ -328,11 +337,11 @@ OWN_FACTS = ("format", "seed", "code")
 
 def command(study: Comparison) -> str:
     """What to type for the whole study."""
-    methods = [entry.typed or own for own, entry in study.entries.items()]
-    names = dict.fromkeys(study.entry(name).typed or name for name in study.names)
+    methods = [entry.typed or own for own, entry in study.methods.items()]
+    names = dict.fromkeys(entry.typed or name for name, entry in study.scenarios.items())
     return (
         f"pilotid compare --scenario {quote(','.join(names))} --method {quote(','.join(methods))} "
-        f"--replications {study.replications(study.names)} --seed {study.about.get('seed', '?')} "
+        f"--replications {study.replications()} --seed {study.about.get('seed', '?')} "
         f"--out results/compare"
     )
 
@@ -340,14 +349,11 @@ def command(study: Comparison) -> str:
 def provenance(study: Comparison) -> dict[str, Any]:
     """All that defines methods and scenarios, seed, versions, and how to make the numbers again."""
     about = study.about
-    facts = ", ".join(
-        f"{key} {value}"
-        for key, value in about.items()
-        if key not in OWN_FACTS and not key.startswith("remnant ratio")
-    )
-    methods = [(label, f"`{shown(entry.settings)}`") for label, entry in study.entries.items()]
+    facts = ", ".join(f"{key} {value}" for key, value in about.items() if key not in OWN_FACTS)
+    methods = [(label, f"`{shown(entry.settings)}`") for label, entry in study.methods.items()]
     scenarios = [
-        (e.name, e.description, e.model, e.start, f"`{shown(e.settings)}`") for e in study.scenarios
+        (e.name, e.description, e.model, _start(e), f"`{shown(e.settings)}`")
+        for e in study.scenarios.values()
     ]
     titles = ("scenario", "description", "model", "start", "all that defines it")
     return {
@@ -363,3 +369,9 @@ def provenance(study: Comparison) -> dict[str, Any]:
         "methods": table(methods, "Methods", ("method", "settings")),
         "settings": table(scenarios, "Scenarios", titles),
     }
+
+
+def _start(entry: Entry) -> str:
+    """Which initial guesses methods are handed, in words."""
+    spread = entry.number("start_spread")
+    return f"drawn within {100.0 * spread:g} % of the truth" if spread > 0.0 else "of the model"

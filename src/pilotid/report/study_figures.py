@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,13 +19,15 @@ from pilotid.show.style import (
     log_ticks,
     marker_of,
 )
-from pilotid.study.comparison import Comparison, MethodResults, Score
+from pilotid.study.scores import ALL, parameters_of
+from pilotid.study.table import Comparison
 from pilotid.support.numbers import Z95
 from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 COLUMNS = 4
 LONGEST = 34  # characters of a method's label
@@ -98,33 +100,49 @@ def _is_outside(axes: Axes, row: float, value: float, colour: str) -> bool:
     return True
 
 
-def errors(cells: Sequence[MethodResults]) -> Figure:
+def percent(rows: DataFrame) -> DataFrame:
+    """Scores of a parameter by each method, with what has its unit in % of the true value.
+
+    Parameters
+    ----------
+    rows
+        Scores of one parameter, see `pilotid.study.scores.score`.
+    """
+    scale = 100.0 / rows.truth.abs().where(rows.truth != 0.0)
+    sized = ["bias_se", "std", "rmse", "rmse_se", "mean_std_error", "crlb"]
+    return rows.assign(bias=rows.bias_percent, **{name: scale * rows[name] for name in sized})
+
+
+def errors(study: Comparison, name: str) -> Figure:
     """Mean error, scatter and claimed standard error beside the bound, by parameter and method.
 
     Parameters
     ----------
-    cells
-        Methods in one scenario.
+    study, name
+        The study, and a scenario that is no population.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    every = [cell.percent for cell in cells]
-    labels = [short(c.method) for c in cells]
-    colours = [colour_of(cell.method) for cell in cells]
+    tried = study.of(name)
+    methods = list(tried.method[tried.usable > 0])
+    labels, colours = [short(method) for method in methods], [colour_of(m) for m in methods]
+    scored = study.scores[(study.scores.scenario == name) & study.scores.method.isin(methods)]
+    panels_of = dict(iter(scored[scored.parameter != ALL].groupby("parameter", sort=False)))
     # The legend needs some inches, too.
     height = max(1.35, 0.62 + 0.155 * len(labels))
-    titles = [score.parameter for score in every[0]]
-    with panelled(titles, height, ("error [% of true value]", "")) as (figure, panels, spare):
-        for index, axes in enumerate(panels):
-            own = [each[index] for each in every]
-            bound = own[0].bound
+    label = ("error [% of true value]", "")
+    with panelled(list(panels_of), height, label) as (figure, panels, spare):
+        for index, (axes, rows) in enumerate(zip(panels, panels_of.values(), strict=True)):
+            own = percent(rows)
+            bound = own.crlb.iloc[0]
             if math.isfinite(bound):
                 axes.axvspan(-bound, bound, color=BOUND, linewidth=0)
             axes.axvline(0.0, color=INK, linewidth=0.6)
-            bias, error, std, claimed = np.array(
-                [(*s.bias, s.std.value, s.claimed) for s in own], dtype=float
-            ).T
+            bias, error, std, claimed = (
+                own[column].to_numpy(dtype=float)
+                for column in ("bias", "bias_se", "std", "mean_std_error")
+            )
             reach = np.nan_to_num(np.fmax(std, claimed))
             ranges = np.stack([bias - reach, bias + reach], axis=1)
             axes.set_xlim(*limits([(low, high) for low, high in ranges], bound))
@@ -137,14 +155,9 @@ def errors(cells: Sequence[MethodResults]) -> Figure:
             _draw_bars(axes, rows, bias[rows], std[rows], own_colours)
             _draw_bars(axes, rows, bias[rows], Z95 * error[rows], INK, cap=4.4)
             for row in rows:
-                axes.plot(bias[row], row, marker_of(cells[row].method), color=colours[row],
+                axes.plot(bias[row], row, marker_of(methods[row]), color=colours[row],
                           markersize=4.0, markeredgecolor="white", markeredgewidth=0.4)  # fmt: skip
             axes.locator_params(axis="x", nbins=5)
-            for row, cell in enumerate(cells):
-                if not cell.usable:
-                    axes.text(0.5, row, "no result", transform=axes.get_yaxis_transform(),
-                              ha="center", va="center", fontsize=7.0, color="#777777",
-                              style="italic")  # fmt: skip
             axes.set_ylim(len(labels) - 0.4, -0.6)
             axes.set_yticks(range(len(labels)), [""] * len(labels) if index % COLUMNS else labels)
             axes.tick_params(axis="y", length=0)
@@ -202,25 +215,25 @@ def sweep(
     """
     points = sorted(points, key=lambda point: point[1])
     few = points if len(points) <= 5 else [points[i] for i in (0, len(points) // 2, -1)]
-    keys = [p.parameter for p in study.entry(points[0][0]).parameters]
+    place_of = dict(points)
+    rows = study.scores[study.scores.scenario.isin(place_of) & (study.scores.parameter != ALL)]
+    rows = rows.assign(x=rows.scenario.map(place_of)).sort_values("x", kind="stable")
+    keys = list(rows.parameter[rows.scenario == points[0][0]].unique())
     with panelled(keys, 1.75, labels) as (figure, panels, spare):
-        for index, axes in enumerate(panels):
+        for key, axes in zip(keys, panels, strict=True):
             axes.set(xscale="log", yscale="log")
-            bounds = [study.of(name)[0].percent[index].bound for name, _ in points]
-            axes.plot([x for _, x in points], bounds, color=INK, linestyle="--",
+            own = percent(rows[rows.parameter == key])
+            bounds = own.drop_duplicates("x")
+            axes.plot(bounds.x, bounds.crlb, color=INK, linestyle="--",
                       linewidth=0.8, zorder=0)  # fmt: skip
             for place, method in enumerate(study.methods):
-                found = [
-                    (x, *cell.percent[index].rmse)
-                    for scenario, x in points
-                    if (cell := study.at(scenario, method)) is not None and cell.usable
-                ]
-                curve = np.array(found, dtype=float).reshape(-1, 3)
-                _draw_curve(axes, curve, method, place - 0.5 * (len(study.methods) - 1))
+                curve = own.loc[(own.method == method) & (own.n > 0), ["x", "rmse", "rmse_se"]]
+                shift = place - 0.5 * (len(study.methods) - 1)
+                _draw_curve(axes, curve.to_numpy(dtype=float), method, shift)
             axes.set_xticks([x for _, x in few], [f"{x:.3g}" for _, x in few])
             axes.minorticks_off()
             log_ticks(axes, "y")
-        _add_legend(spare, study.methods, "bound")
+        _add_legend(spare, list(study.methods), "bound")
     return figure
 
 
@@ -234,25 +247,30 @@ def _draw_curve(axes: Axes, curve: FloatArray, method: str, place: float) -> Non
                   linewidth=0.9, elinewidth=0.7)  # fmt: skip
 
 
-def cost(cells: Sequence[MethodResults]) -> Figure:
-    """Loss with its interval over the median time of a fit; a line joins what nothing beats."""
-    known = [c for c in cells if math.isfinite(c.overall.loss.value) and c.seconds > 0.0]
-    known.sort(key=lambda cell: cell.seconds)
-    frontier: list[MethodResults] = []
-    for cell in known:
-        if not frontier or cell.overall.loss.value < frontier[-1].overall.loss.value:
-            frontier.append(cell)
+def cost(rows: Sequence[Any]) -> Figure:
+    """Loss with its interval over the median time of a fit; a line joins what nothing beats.
+
+    Parameters
+    ----------
+    rows
+        Scores of each method.
+    """
+    known = [row for row in rows if math.isfinite(row.loss) and row.seconds > 0.0]
+    known.sort(key=lambda row: row.seconds)
+    frontier: list[Any] = []
+    for row in known:
+        if not frontier or row.loss < frontier[-1].loss:
+            frontier.append(row)
     with journal_figure(2.7) as figure:
         axes = figure.subplots()
         axes.axhline(1.0, color=INK, linewidth=0.8)
-        axes.step([c.seconds for c in frontier], [c.overall.loss.value for c in frontier],
+        axes.step([row.seconds for row in frontier], [row.loss for row in frontier],
                   where="post", color="#8a94a3", linewidth=0.9, zorder=0)  # fmt: skip
-        for cell in known:
-            loss = cell.overall.loss
-            reach = np.nan_to_num([[loss.value - loss.lower], [loss.upper - loss.value]])
-            axes.errorbar(cell.seconds, loss.value, reach, color=colour_of(cell.method),
-                          marker=marker_of(cell.method), markersize=5.0, linewidth=0.0,
-                          elinewidth=0.9, label=short(cell.method))  # fmt: skip
+        for row in known:
+            reach = np.nan_to_num([[row.loss - row.loss_lower], [row.loss_upper - row.loss]])
+            axes.errorbar(row.seconds, row.loss, reach, color=colour_of(row.method),
+                          marker=marker_of(row.method), markersize=5.0, linewidth=0.0,
+                          elinewidth=0.9, label=short(row.method))  # fmt: skip
         axes.set(xscale="log", yscale="log")
         axes.margins(0.08)
         log_ticks(axes, "x")
@@ -262,63 +280,63 @@ def cost(cells: Sequence[MethodResults]) -> Figure:
     return figure
 
 
-def by_stratum(cells: Sequence[MethodResults]) -> Figure:
+def by_stratum(study: Comparison, name: str, methods: Sequence[str]) -> Figure:
     """Coverage with its interval: a panel a fact, a row a value of it, a point a method."""
-    panels: dict[str, list[str]] = {"all recordings": [""]}
-    for cell in cells:  # studies side by side may have drawn other pilots
-        for name, stratum in cell.strata.items():
-            if len(stratum) > 1:
-                panels[name] = list(dict.fromkeys([*panels.get(name, []), *stratum]))
-    every = [{("all recordings", ""): cell.scores, **cell.parts} for cell in cells]
-    ends = [100.0 * scores[0].coverage_interval[0] for own in every for scores in own.values()]
-    low = max(LOWEST, min([*(end for end in ends if math.isfinite(end)), 90.0]) - 1.0)
+    s = study.scores
+    rows = s[(s.scenario == name) & (s.parameter == ALL) & s.method.isin(methods)]
+    panels = {
+        stratum: list(own.value.unique())
+        for stratum, own in rows.groupby("stratum", sort=False)
+        if stratum == ALL or own.value.nunique() > 1
+    }
+    low = max(LOWEST, min(90.0, 100.0 * rows.coverage_lower.min()) - 1.0)
     longest = max(map(len, panels.values()))
-    height = 0.6 + longest * max(0.19, 0.06 + 0.035 * len(cells))
-    dodge = min(0.34, 0.1 * (len(cells) - 1))
+    height = 0.6 + longest * max(0.19, 0.06 + 0.035 * len(methods))
+    dodge = min(0.34, 0.1 * (len(methods) - 1))
+    shifts = dict(zip(methods, np.linspace(-dodge, dodge, len(methods)), strict=True))
     label = "95 % intervals that hold the truth [%]"
-    with panelled(list(panels), height, (label, ""), 3) as (figure, drawn, spare):
-        for (name, values), axes in zip(panels.items(), drawn, strict=True):
+    titles = [f"{stratum} recordings" if stratum == ALL else stratum for stratum in panels]
+    with panelled(titles, height, (label, ""), 3) as (figure, drawn, spare):
+        for (stratum, values), axes in zip(panels.items(), drawn, strict=True):
             axes.axvspan(*BAND, color=BOUND, linewidth=0)
             axes.axvline(95.0, color=INK, linewidth=0.6)
-            for row in range(len(values) - 1):
-                axes.axhline(row + 0.5, color=GRID, linewidth=0.5)
-            for shift, cell, own in zip(
-                np.linspace(-dodge, dodge, len(cells)), cells, every, strict=True
-            ):
-                for row, value in enumerate(values):
-                    if (name, value) in own:
-                        _draw_coverage(axes, row + shift, own[name, value][0], cell.method, low)
-            axes.set_yticks(range(len(values)), values)
+            for place in range(len(values) - 1):
+                axes.axhline(place + 0.5, color=GRID, linewidth=0.5)
+            for row in rows[rows.stratum == stratum].itertuples():
+                _draw_coverage(axes, values.index(row.value) + shifts[row.method], row, low)
+            axes.set_yticks(range(len(values)), ["" if v == ALL else v for v in values])
             axes.set(ylim=(len(values) - 0.45, -0.55), xlim=(low, 100.6))
             axes.tick_params(axis="y", length=0)
-        _add_legend(spare, [cell.method for cell in cells])
+        _add_legend(spare, methods)
     return figure
 
 
-def _draw_coverage(axes: Axes, row: float, score: Score, method: str, low: float) -> None:
-    value, colour = 100.0 * score.coverage.value, colour_of(method)
+def _draw_coverage(axes: Axes, place: float, row: Any, low: float) -> None:
+    value, colour = 100.0 * row.coverage_95, colour_of(row.method)
     if value < low:
         # Hollow, since the marker of a method may be a triangle, too.
-        axes.plot(low, row, "<", color=colour, markersize=3.5, markerfacecolor="white",
+        axes.plot(low, place, "<", color=colour, markersize=3.5, markerfacecolor="white",
                   clip_on=False)  # fmt: skip
     elif math.isfinite(value):
-        ends = [100.0 * end for end in score.coverage_interval]
-        axes.plot(ends, [row, row], color=colour, linewidth=0.8, solid_capstyle="butt")
-        axes.plot(value, row, marker_of(method), color=colour, markersize=3.2)
+        ends = [100.0 * row.coverage_lower, 100.0 * row.coverage_upper]
+        axes.plot(ends, [place, place], color=colour, linewidth=0.8, solid_capstyle="butt")
+        axes.plot(value, place, marker_of(row.method), color=colour, markersize=3.2)
 
 
-def by_parameter(cells: Sequence[MethodResults]) -> Figure:
+def by_parameter(study: Comparison, name: str, methods: Sequence[str]) -> Figure:
     """Standardised errors against normal quantiles: a panel a parameter, a line a method."""
     from scipy.special import betaincinv, ndtri
 
     def quantiles(count: int) -> FloatArray:
         return np.asarray(ndtri((np.arange(count) + 0.5) / count))
 
-    keys = list(dict.fromkeys(key for cell in cells for key in cell.keys))
+    rows = study.measured[study.measured.scenario == name]
     labels = ("quantile of a normal distribution", "error over claimed error")
+    keys = parameters_of(rows)
     with panelled(keys, 1.75, labels) as (figure, panels, spare):
         for key, axes in zip(keys, panels, strict=True):
-            errors = {cell.method: cell.errors_over_claim(key) for cell in cells}
+            own = rows[rows.parameter == key].dropna(subset="z")
+            errors = {m: np.sort(own.z[own.method == m].to_numpy()) for m in methods}
             if count := max(z.size for z in errors.values()):
                 # Where each of so many ordered normal variables lies 95 % of the time.
                 place = np.arange(1, count + 1)
@@ -331,7 +349,7 @@ def by_parameter(cells: Sequence[MethodResults]) -> Figure:
                           markersize=2.4)  # fmt: skip
             axes.set(xlim=(-QUANTILES, QUANTILES), ylim=(-REACH, REACH))
             axes.set_xticks([-2.0, 0.0, 2.0])
-        _add_legend(spare, [cell.method for cell in cells])
+        _add_legend(spare, methods)
     return figure
 
 

@@ -8,23 +8,26 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from pilotid.estimates.estimate import Outcome
-from pilotid.study.comparison import ALL, Comparison, MethodResults, Score, loss_ratios
-from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge
-from pilotid.study.scores import loss_text
-from pilotid.study.store import Result
+from pilotid.study.judge import EFFICIENT, USABLE, Verdict, fails_often, judge, worst_parameter
+from pilotid.study.scores import ALL, LOSS, loss_ratios, loss_text
+from pilotid.study.table import Comparison
 from pilotid.study.trust import TRUST
 from pilotid.support.format import NONE, Columns, Table, number, plus_minus, share, table, table_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 VIOLATION = "violation"  # family of the scenarios that violate an assumption
 RECORDER = "recorder"  # family of the scenarios whose recorder is faulty
 OFF = 4.0  # claimed standard errors by which a value is wrong
 #: Loss from which a cell of the matrix is darkest.
 BAD = 10.0
+MEAN = "geometric mean"
 FEW = 4  # scenarios of which the matrix shows intervals
 LONGEST_WORDS = 60  # characters of a remark that a table shows
 GRADES = {"efficient": "good", "usable": "partly", "poor": "poor"}
@@ -75,16 +78,32 @@ def loss_mark(loss: float) -> str:
     return next((mark for mark, limit in limits.items() if loss < limit), "none")
 
 
-def ranked(cells: Sequence[MethodResults]) -> list[MethodResults]:
-    """Methods by their loss, behind them those without intervals, and those not applicable."""
+def ranked(study: Comparison, name: str) -> list[Any]:
+    """Scores of methods over a scenario, by their loss.
 
-    def place(cell: MethodResults) -> tuple[int, float]:
-        loss, ratio = cell.overall.loss.value, cell.overall.ratio.value
-        known = math.isfinite(loss)
+    Behind them are those that fail often, by the loss of the other fits, those without intervals,
+    and those not applicable.
+    """
+
+    def place(row: Any) -> tuple[int, float]:
+        known, ratio = math.isfinite(row.loss), row.rmse_over_bound
         rest = ratio if math.isfinite(ratio) else math.inf
-        return (0 if known else 1 if cell.tried else 2), loss if known else rest
+        if known and fails_often(row):
+            return 1, row.loss_ended_well
+        return (0 if known else 2 if row.recordings else 3), row.loss if known else rest
 
-    return sorted(cells, key=place)
+    return sorted(study.of(name).itertuples(), key=place)
+
+
+def loss_of(row: Any) -> tuple[float, float, float]:
+    """A row's loss and its 95 % interval."""
+    return row.loss, row.loss_lower, row.loss_upper
+
+
+def loss_ratio(study: Comparison, row: Any, other: Any) -> tuple[float, float, float]:
+    """Ratio of a method's loss to another's on the same recordings, and its 95 % interval."""
+    cells = (study.cell(own.scenario, own.method) for own in (row, other))
+    return tuple(loss_ratios(*cells).loc[ALL, list(LOSS)])
 
 
 def of(count: int, total: int) -> str:
@@ -109,121 +128,109 @@ class Ranking(NamedTuple):
     dots: Sequence[str]
 
 
-#: The ranking's columns, of a method and of the best one.
+#: The ranking's columns: of a method's scores, the study, and the best method's scores.
 RANKING: Columns = {
-    "method": (lambda c, _: c.method, None, ""),
-    "loss (95 %)": (lambda c, _: _loss(c), str, "interval score over an efficient estimator's"),
+    "method": (lambda row, study, _: marked(study, row.method), None, "*: uses prior knowledge"),
+    "loss (95 %)": (
+        lambda row, *_: _loss(row),
+        str,
+        "interval score over an efficient estimator's",
+    ),
     "times best": (
-        lambda c, best: _times_best(c, best),
+        lambda row, study, best: _times_best(study, row, best),
         str,
         "ratio to the first row's loss, same recordings",
     ),
-    "verdict": (lambda c, _: judge(c.scores).words, None, "by fixed limits"),
-    "largest bias/error": (
-        lambda c, _: _largest_bias(c),
-        str,
-        "mean error, in claimed standard errors",
+    "verdict": (lambda row, study, _: verdict(study, row).words, None, "by fixed limits"),
+    "worst parameter": (
+        lambda row, study, _: worst_parameter(study.scored(row.scenario, row.method)),
+        None,
+        "root mean square error over the bound, and bias in % of the truth",
     ),
-    "coverage %": (lambda c, _: covered(c.overall), share, "of 95 % intervals"),
-    "failed (loss else)": (lambda c, _: _failed(c), str, "loss of the other fits"),
-    "objects": (lambda c, _: _objections(c), of, "recordings that it objects to"),
+    "coverage %": (lambda row, *_: covered(row), share, "of 95 % intervals"),
+    "failed (loss else)": (lambda row, *_: _failed(row), str, "loss of the other fits"),
     "warned": (
-        lambda c, _: _warned_of_violation(c),
+        lambda row, study, _: _warned_of_violation(study, row),
         str,
         "recordings with a remark or a failure",
     ),
-    "s per fit": (lambda c, _: (c.seconds, 2), number, "median"),
+    "s per fit": (lambda row, *_: (row.seconds, 2), number, "median"),
 }
 
 
-def ranking(cells: Sequence[MethodResults]) -> Ranking:
+def ranking(study: Comparison, name: str) -> Ranking:
     """The methods of a scenario in the order of their loss."""
-    order, entry = ranked(cells), cells[0].scenario
-    count = max(len(cell.results) for cell in cells)
+    order, entry, count = ranked(study, name), study.scenarios[name], study.replications(name)
     what = "all fits of one recording" if entry.one_recording else "1 recording"
     if count > 1 and not entry.one_recording:
         what = f"{count} recordings"
-    caption = f"`{entry.name}`, {what}: methods by their loss "
+    caption = f"`{name}`, {what}: methods by their loss "
     caption += f"(1: exact; below {EFFICIENT:g} efficient, below {USABLE:g} usable)"
-    losses = [cell.overall.loss for cell in order]
-    axis = LogAxis.of(losses)
-    verdicts = [GRADES.get(judge(cell.scores).grade, "none") for cell in order]
-    shown = table_of(order, caption, RANKING, order[0], marks={"verdict": verdicts})
-    dots = [loss_mark(loss.value) for loss in losses]
-    return Ranking(shown, axis, [axis.whisker(*loss) for loss in losses], dots)
+    axis = LogAxis.of(loss_of(row) for row in order if not fails_often(row))
+    marks = {"verdict": [GRADES.get(verdict(study, row).grade, "none") for row in order]}
+    shown = table_of(order, caption, RANKING, study, order[0], marks=marks)
+    dots = [loss_mark(row.loss) for row in order]
+    whiskers = [None if fails_often(row) else axis.whisker(*loss_of(row)) for row in order]
+    return Ranking(shown, axis, whiskers, dots)
 
 
-def _times_best(cell: MethodResults, best: MethodResults) -> str | None:
-    if not math.isfinite(cell.overall.loss.value):
+def marked(study: Comparison, method: str) -> str:
+    """A method's label, with a star if it uses prior knowledge of pilots."""
+    return f"{method} *" if "prior" in study.methods[method].settings else method
+
+
+def verdict(study: Comparison, row: Any) -> Verdict:
+    """What is to be thought of a method in a scenario, which a row of scores names."""
+    return judge(study.scored(row.scenario, row.method))
+
+
+def _times_best(study: Comparison, row: Any, best: Any) -> str | None:
+    if not math.isfinite(row.loss) or fails_often(row):
         return None
-    return "best" if cell is best else str(loss_ratios(cell, best)[ALL])
+    return "best" if row is best else loss_text(*loss_ratio(study, row, best))
 
 
-def _loss(cell: MethodResults) -> str:
-    if math.isfinite(cell.overall.loss.value):
-        return str(cell.overall.loss)
-    return f"rmse {number(cell.overall.ratio.value)} x bound" if cell.tried else "not applicable"
+def _loss(row: Any) -> str:
+    if math.isfinite(row.loss):
+        often = f"fails; else {loss_text(row.loss_ended_well)}"
+        return often if fails_often(row) else loss_text(*loss_of(row))
+    return f"rmse {number(row.rmse_over_bound)} x bound" if row.recordings else "not applicable"
 
 
-def _largest_bias(cell: MethodResults) -> str | None:
-    known = [s for s in cell.scores[1:] if s.n >= FEWEST and s.z.error > 0.0]
-    worst = max(known, key=lambda s: abs(s.z.value), default=None)
-    return f"{worst.parameter} {plus_minus(*worst.z)}" if worst else None
-
-
-def covered(score: Score) -> tuple[float, tuple[float, float]]:
+def covered(row: Any) -> tuple[float, tuple[float, float]]:
     """Coverage with its 95 % interval."""
-    return score.coverage.value, score.coverage_interval
+    return row.coverage_95, (row.coverage_lower, row.coverage_upper)
 
 
-def _objections(cell: MethodResults) -> tuple[int, int]:
-    count = cell.overall.objections
-    return count, count + cell.overall.tried
-
-
-def _warned(cell: MethodResults) -> str:
-    """Recordings that the method can treat of which a user is told something."""
-    return of(sum(bool(r.remarks) or not r.usable for r in cell.attempts), cell.tried)
-
-
-def _warned_of_violation(cell: MethodResults) -> str | None:
+def _warned_of_violation(study: Comparison, row: Any) -> str | None:
     """Warnings where an assumption is violated, or the recorder is faulty."""
-    return _warned(cell) if cell.scenario.family in (VIOLATION, RECORDER) else None
+    violated = study.scenarios[row.scenario].family in (VIOLATION, RECORDER)
+    return of(row.warned, row.recordings) if violated else None
 
 
 def recorder_table(study: Comparison, names: Sequence[str]) -> Table:
-    """What each method makes of faulty recorders."""
+    """What each method makes of faulty recorders: fits that are right, and wrong ones."""
     titles = ["recorder", "method", "n", "right %", "wrong, said %", "wrong, silent %"]
     hints = {"right %": f"off by {OFF:g} errors at most", "wrong, said %": "a remark or a failure"}
-    rows = [
-        (name, cell.method, cell.tried, *(100.0 * share for share in shares_told(cell)))
-        for name in names
-        for cell in study.of(name)
-        if cell.tried
-    ]
+    rows = []
+    for name in names:
+        for row in study.of(name).itertuples():
+            fits = study.cell(name, row.method)
+            fits = fits[fits.tried].assign(off=fits.error.abs() > OFF * fits.std_error)
+            own = fits.groupby("replication").agg({"off": "any", "usable": "all", "warned": "all"})
+            wrong = own.off | ~own.usable
+            shares = [~wrong, wrong & own.warned, wrong & ~own.warned]
+            if len(own):
+                rows.append((name, row.method, len(own), *(100.0 * s.mean() for s in shares)))
     forms = dict.fromkeys(titles[3:], "{:.0f}".format)
     caption = "What faulty recorders do to each method"
     return table(rows, caption, titles, forms, heads=2, hints=hints)
 
 
-def shares_told(cell: MethodResults) -> tuple[float, float, float]:
-    """Shares of fits that are right, wrong with a word of it, and wrong in silence."""
-    known, tried = cell.numbers, cell.applicable
-    off = np.abs(known.value - known.truth) > OFF * known.std_error
-    wrong = off.any(axis=1) | ~cell.counted
-    said = np.array([bool(r.remarks) or not r.usable for r in cell.results])
-    right, named, silent = (
-        float(np.mean(share[tried])) for share in (~wrong, wrong & said, wrong & ~said)
-    )
-    return right, named, silent
-
-
-def _failed(cell: MethodResults) -> str:
+def _failed(row: Any) -> str:
     """Fits that failed, and the loss of the others."""
-    own = cell.overall
-    return of(own.failures, own.tried) + (
-        f" ({number(own.loss_ended_well)})" if own.failures else ""
-    )
+    else_ = f" ({number(row.loss_ended_well)})" if row.failures else ""
+    return of(row.failures, row.recordings) + else_
 
 
 # ------------------------------------------------------------------------------ scenarios
@@ -236,11 +243,11 @@ def mean_loss(losses: Mapping[str, float]) -> float:
 
 def by_mean_loss(study: Comparison, names: Sequence[str]) -> dict[str, dict[str, float]]:
     """Losses by scenario of each method: those ranked in most scenarios first, then the best."""
-    found = {}
-    for method in study.methods:
-        cells = {name: cell for name in names if (cell := study.at(name, method))}
-        losses = {name: cell.overall.loss.value for name, cell in cells.items()}
-        found[method] = {name: loss for name, loss in losses.items() if loss > 0.0}
+    found: dict[str, dict[str, float]] = {method: {} for method in study.methods}
+    for name in names:
+        for row in study.of(name).itertuples():
+            if row.loss > 0.0 and not fails_often(row):
+                found[row.method][name] = row.loss
     order = sorted(found, key=lambda m: (-len(found[m]), mean_loss(found[m]) if found[m] else 0.0))
     return {method: found[method] for method in order}
 
@@ -252,6 +259,9 @@ def matrices(study: Comparison, names: Sequence[str], widest: int) -> list[Table
     0 the table has the means alone.
     """
     few, losses = len(names) <= FEW, by_mean_loss(study, names)
+    rows = {
+        (row.scenario, row.method): row for name in names for row in study.of(name).itertuples()
+    }
 
     def front(method: str) -> tuple[str, str | None, str | None]:
         own = losses[method]
@@ -259,32 +269,33 @@ def matrices(study: Comparison, names: Sequence[str], widest: int) -> list[Table
         mean = loss_text(mean_loss(own)) if len(own) == len(names) else None
         return method, mean, f"{number(loss, 2)} {name}" if name else None
 
-    def text(cell: MethodResults | None) -> str | None:
-        if cell is None or math.isfinite(cell.overall.loss.value):
-            own = cell.overall.loss if cell else None
-            return own and (str(own) if few else number(own.value, 2))
-        return "no intervals" if cell.tried else "n/a"
+    def text(row: Any) -> str | None:
+        if row is None:
+            return None
+        if math.isfinite(row.loss) and fails_often(row):
+            return f"fails {of(row.failures, row.recordings)}"
+        if math.isfinite(row.loss):
+            return loss_text(*loss_of(row)) if few else number(row.loss, 2)
+        return "no intervals" if row.recordings else "n/a"
 
     tables = []
     for begin in range(0, len(names), size_of(len(names), widest)):
         some = names[begin : begin + size_of(len(names), widest)] if widest else []
-        links = [f"[{name}](#{key_of(name)})" for name in some]
-        cells = {m: [study.at(name, m) for name in some] for m in losses}
+        links = {f"[{name}](#{key_of(name)})": name for name in some}
         caption = f"Loss of every method in {len(names)} scenarios (1: exact and efficient)"
+        cells = {link: [rows.get((name, m)) for m in losses] for link, name in links.items()}
         marks = {
-            link: [
-                loss_mark(cell.overall.loss.value) if (cell := own[i]) else ""
-                for own in cells.values()
-            ]
-            for i, link in enumerate(links)
+            link: [loss_mark(row.loss) if row else "" for row in own] for link, own in cells.items()
         }
+        texts = zip(*(map(text, own) for own in cells.values()), strict=True) if cells else ()
+        shown = list(texts) or [()] * len(losses)
         tables.append(
             table(
-                [(*front(m)[: 1 if begin else 3], *map(text, own)) for m, own in cells.items()],
+                [(*front(m)[: 1 if begin else 3], *t) for m, t in zip(losses, shown, strict=True)],
                 "Loss in further scenarios" if begin else caption,
-                ["method", *([] if begin else ["mean", "worst"]), *links],
-                dict.fromkeys(("mean", *links), str),
-                hints={"mean": "geometric, where there is a loss in every scenario"},
+                ["method", *([] if begin else [MEAN, "worst"]), *links],
+                dict.fromkeys((MEAN, *links), str),
+                hints={MEAN: "where there is a loss in every scenario"},
                 marks=marks,
             )
         )
@@ -301,10 +312,14 @@ def key_of(name: str) -> str:
     return re.sub(r"[^\w-]+", "-", name)
 
 
-def remark_table(cells: Sequence[MethodResults]) -> Table:
+def remark_table(study: Comparison, name: str) -> Table:
     """What users of each method are told most often."""
     return table(
-        [(cell.method, _warned(cell), _remarks(cell)) for cell in ranked(cells) if cell.tried],
+        [
+            (row.method, of(row.warned, row.recordings), _remarks(study.cell(name, row.method)))
+            for row in ranked(study, name)
+            if row.recordings
+        ],
         "What users are told",
         ["method", "warned", "commonest remarks, and how often"],
         {"warned": str},
@@ -312,20 +327,37 @@ def remark_table(cells: Sequence[MethodResults]) -> Table:
     )
 
 
-def start_table(cells: Sequence[MethodResults]) -> Table:
-    """How many fits of one recording end where most do."""
+def start_table(study: Comparison, name: str) -> Table:
+    """How many fits of one recording end where most do.
+
+    That is where each parameter is within a tenth of the bound of the median, or, where a bound is
+    missing, within .1 % of the truth.
+    """
+
+    def agreeing(fits: DataFrame) -> int:
+        good = fits[fits.usable]
+        median = good.groupby("parameter").value.transform("median")
+        reach = good.bound.fillna(0.01 * good.truth.abs()) / 10.0
+        near = (good.value - median).abs() <= reach
+        return int(near.groupby(good.replication).all().sum())
+
     return table(
-        [(cell.method, (cell.agreeing, cell.tried)) for cell in cells if cell.tried],
-        f"`{cells[0].scenario.name}`: starts that end in the common optimum",
+        [
+            (row.method, (agreeing(study.cell(name, row.method)), row.recordings))
+            for row in study.of(name).itertuples()
+            if row.recordings
+        ],
+        f"`{name}`: starts that end in the common optimum",
         ["method", "common end"],
         {"common end": of},
         hints={"common end": "within a tenth of the bound of the median"},
     )
 
 
-def _remarks(cell: MethodResults) -> str | None:
+def _remarks(fits: DataFrame) -> str | None:
     """The first words of the two commonest remarks, and how often they came."""
-    every = [remark for r in cell.attempts for remark in r.remarks.split(" | ") if remark]
+    lines = fits.remarks[fits["first"] & fits.tried]
+    every = [remark for line in lines for remark in line.split(" | ") if remark]
     kinds = Counter(map(_kind, every))
     first = {_kind(remark): remark for remark in reversed(every)}
     common = sorted(kinds, key=lambda kind: (-kinds[kind], kind))[:2]
@@ -346,23 +378,23 @@ def _kind(remark: str) -> str:
 def failure_table(study: Comparison) -> Table:
     """Every outcome but plain convergence, with its details and how often it came."""
     sentences = {outcome.slug: outcome.value for outcome in Outcome}
+    fits = study.measured[study.measured["first"]]
     rows = []
-    for cell in study.cells:
-        for outcome in sorted({r.outcome for r in cell.results} - {Outcome.CONVERGED.slug}):
-            own = [r for r in cell.results if r.outcome == outcome]
-            counts_as = "no try" if outcome == Outcome.NOT_APPLICABLE.slug else "failure"
-            if any(r.usable for r in own):
+    for (name, method), cell in fits.groupby(["scenario", "method"], sort=False):
+        for outcome, own in cell[cell.outcome != Outcome.CONVERGED.slug].groupby("outcome"):
+            counts_as = "failure" if own.tried.all() else "no try"
+            if own.usable.any():
                 counts_as = "result"
-            front = (cell.scenario.name, cell.method, len(own), len(cell.results), counts_as)
-            rows.append((*front, sentences.get(outcome, outcome), _commonest(own)))
+            front = (name, method, len(own), len(cell), counts_as)
+            rows.append((*front, sentences.get(outcome, outcome), _commonest(own.message)))
     titles = ["scenario", "method", "fits", "of", "counts as", "outcome", "details"]
     forms = {"fits": str, "of": str}
     return table(rows, "Fits that did not simply converge", titles, forms, heads=2)
 
 
-def _commonest(results: Sequence[Result]) -> str:
+def _commonest(every: Iterable[str]) -> str:
     """The commonest messages of fits."""
-    messages = Counter(" ".join(r.message.split()) for r in results)
+    messages = Counter(" ".join(message.split()) for message in every)
     messages.pop("", None)
     common = sorted(messages.items(), key=lambda item: (-item[1], item[0]))
     words = [f"{text} ({count})" if len(common) > 1 else text for text, count in common[:3]]

@@ -11,7 +11,6 @@ from pilotid.recordings.recording import Recording
 from pilotid.show.style import INK, Named, legend, named, new_axes, with_unit
 from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, FloatArray
-from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import prepare
 
@@ -119,9 +118,9 @@ def simulated(
         leaves, each in the control's unit and of shape (runs, samples).
     """
     prepared = prepare(recording, estimate.model)
-    problem = OutputErrors(predict(recording, estimate.model))
-    left = problem.residual(estimate.values)
-    return prepared.scored_time, problem.prediction.control - left, left
+    prediction = predict(recording, estimate.model)
+    left = prediction.errors(estimate.values)
+    return prepared.scored_time, prediction.control - left, left
 
 
 def _inside(time: FloatArray, ends: tuple[float, float]) -> BoolArray:

@@ -80,38 +80,8 @@ def _scaled_inverse(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
 REACH = 5.0
 
 
-def sandwich(
-    gram: Gram,
-    rows: FloatArray,
-    values: FloatArray,
-    dt: float,
-    reach: float = REACH,
-) -> FloatArray | None:
-    """The sandwich covariance, measured on the recording that was fitted.
-
-    Parameters
-    ----------
-    gram
-        Gram matrices of the problem, see `pilotid.solve.least_squares.minimise`.
-    rows
-        Jacobian and, last, residual at the estimate, shape (parameters + 1, runs, samples).
-    values
-        The estimate, shape (parameters,).
-    dt
-        Sampling interval [s].
-    reach
-        Longest lag at which scores are taken to be correlated [s].
-
-    Returns
-    -------
-    Covariance, shape (parameters, parameters); None if the Hessian is singular.
-    """
-    scores = score_products(rows, max(1, round(reach / dt)))
-    return sandwich_of(hessian(gram, values), scores)
-
-
 def sandwich_of(curvature: FloatArray, score_covariance: FloatArray) -> FloatArray | None:
-    """A^-1 B A^-1, or None if A is not positive definite.
+    """The sandwich covariance A^-1 B A^-1, or None if A is not positive definite.
 
     Parameters
     ----------

@@ -93,31 +93,15 @@ EXTENSION_ROUNDS = 3
 FIRST_STEP_SHARE = 0.1
 
 
-class Suiting(NamedTuple):
-    """Points whose cost does not exceed the one sought.
-
-    Attributes
-    ----------
-    values
-        Shape (points, parameters).
-    costs
-        Shape (points,).
-    """
-
-    values: FloatArray
-    costs: FloatArray
-
-    def joined(self, values: FloatArray, costs: FloatArray, target: float) -> Suiting:
-        """These and, of others, those whose cost is not above the target."""
-        kept = costs <= target
-        return Suiting(
-            np.concatenate([self.values, values[kept]]), np.concatenate([self.costs, costs[kept]])
-        )
-
-
 def extend_intervals(
-    gram: Gram, box: Box, suiting: Suiting, known: FloatArray, lowest: float, targets: FloatArray
-) -> tuple[FloatArray, Suiting]:
+    gram: Gram,
+    box: Box,
+    points: list[FloatArray],
+    costs: list[float],
+    known: FloatArray,
+    lowest: float,
+    targets: FloatArray,
+) -> FloatArray:
     """Intervals that hold all points that suit, and what of those lies farther out.
 
     Parameters
@@ -126,8 +110,8 @@ def extend_intervals(
         Gram matrices of residual and Jacobian.
     box
         Bounds, at which intervals end.
-    suiting
-        Points that suit.
+    points, costs
+        Points, each of shape (parameters,), and their costs; what is come upon is added.
     known
         What is known of the intervals, of the first parameters, shape (count, 2).
     lowest
@@ -137,13 +121,13 @@ def extend_intervals(
 
     Returns
     -------
-    Intervals, shape (count, 2), and all points that suit, with those that were come upon.
+    Intervals, shape (count, 2).
     """
     for _ in range(EXTENSION_ROUNDS):
         # What suits one parameter may not suit another whose level is lower.
-        suits = suiting.costs[:, None] <= targets
-        points = np.where(suits, suiting.values[:, : len(known)], np.nan)
-        hull = np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)], axis=1)
+        suits = np.array(costs)[:, None] <= targets
+        own = np.where(suits, np.array(points)[:, : len(known)], np.nan)
+        hull = np.stack([np.nanmin(own, axis=0), np.nanmax(own, axis=0)], axis=1)
         length = np.diff(known, axis=1)[:, 0]
         sides = np.array([-1.0, 1.0])
         beyond = (hull - known) * sides > OUTSIDE_SHARE * length[:, None]
@@ -153,13 +137,14 @@ def extend_intervals(
         if not beyond.any():
             break
         for k, side in np.argwhere(beyond).tolist():
-            at = int(np.nanargmax(sides[side] * points[:, k]))
+            at = int(np.nanargmax(sides[side] * own[:, k]))
             step = sides[side] * max(FIRST_STEP_SHARE * float(known[k, 1] - known[k, 0]), 1e-9)
-            start = suiting.values[at], float(suiting.costs[at])
+            start = points[at], costs[at]
             point, cost = find_profile_end(gram, box, *start, lowest, float(targets[k]), k, step)
             known[k, side] = point[k]
-            suiting = suiting.joined(point[None], np.array([cost]), float(np.max(targets)))
-    return known, suiting
+            points.append(point)
+            costs.append(cost)
+    return known
 
 
 LONGEST_STEP = 1.0  # standard errors an iteration may move the profiled parameter
@@ -192,7 +177,6 @@ def profile_intervals(
     estimated: int | None = None,
     widened: float | FloatArray = 1.0,
     others: FloatArray | None = None,
-    iterations: int = 8,
     tolerance: float = 0.3,
 ) -> Profile:
     """95 % profile-likelihood intervals of the first `count` parameters.
@@ -221,9 +205,8 @@ def profile_intervals(
         (count,).
     others
         Points that may suit as well, shape (points, parameters); None for none.
-    iterations, tolerance
-        Largest number of evaluations, and how far from the sought deviance, of 3.84, the
-        last Newton step may begin.
+    tolerance
+        How far from the deviance sought, of 3.84, the last Newton step may begin.
     """
     scale = LogTransform(space.positive)
     lower, upper = scale.enter(space.lower), scale.enter(space.upper)
@@ -243,7 +226,6 @@ def profile_intervals(
     if estimated is not None:
         # The variance is then one more parameter, maximised over as well.
         target = lowest * np.exp(sought / estimated)
-    highest = float(np.max(target))
 
     error = _errors(optimum_gram[0], _blocked(optimum_gram, best, lower, upper)[0], variance)
     error = error[:count]
@@ -256,15 +238,12 @@ def profile_intervals(
     points = np.clip(points + ridge, lower, upper)
     active = np.arange(2 * count)
     found = np.zeros(2 * count, dtype=bool)
-    better, least = None, lowest - BETTER_DEVIANCE * variance
-    suiting = Suiting(best, minimum.cost[:1])
-    for _ in range(iterations):
+    seen, reached_costs = [best[0]], [lowest]
+    for _ in range(8):
         grams = inner(points[active])
         costs = grams[:, -1, -1]
-        suiting = suiting.joined(points[active], costs, highest)
-        if np.nanmin(costs, initial=np.inf) < least:
-            best_of_all = int(np.nanargmin(costs))
-            better, least = points[active][best_of_all], float(costs[best_of_all])
+        seen += [*points[active]]
+        reached_costs += costs.tolist()
         k, direction = which[active], side[active]
         blocked = _blocked(grams, points[active], lower, upper)
         goal = target[active]
@@ -285,26 +264,23 @@ def profile_intervals(
     # Where the likelihood has another summit the search may end on its side.
     found &= (points[np.arange(2 * count), which] - best[0, which]) * side >= 0.0
     ends = points[np.arange(2 * count), which]
-    if better is None:
+    least = lowest - BETTER_DEVIANCE * variance
+    known = ends.reshape(2, count).T
+    if not np.nanmin(reached_costs) < least:
         for i in np.flatnonzero(~found):
-            index = int(which[i])
+            index, level = int(which[i]), float(target[i])
             reach = float(side[i]) * math.sqrt(sought[i]) * float(error[index])
-            level = float(target[i])
             point, cost = find_profile_end(inner, box, best[0], lowest, lowest, level, index, reach)
             ends[i] = point[index]
-            suiting = suiting.joined(point[None], np.array([cost]), highest)
-    known = ends.reshape(2, count).T
-    if better is None:
+            seen.append(point)
+            reached_costs.append(cost)
         if others is not None and len(others):
-            suiting = suiting.joined(scale.enter(others), gram(others)[:, -1, -1], highest)
-        known = np.stack(
-            [np.minimum(known[:, 0], best[0, :count]), np.maximum(known[:, 1], best[0, :count])],
-            axis=1,
-        )
-        known, suiting = extend_intervals(inner, box, suiting, known, lowest, target[:count])
-        best_of_all = int(np.argmin(suiting.costs))
-        if suiting.costs[best_of_all] < least:
-            better = suiting.values[best_of_all]
+            seen += [*scale.enter(others)]
+            reached_costs += gram(others)[:, -1, -1].tolist()
+        known = np.sort(np.column_stack([ends.reshape(2, count).T, best[0, :count]]))[:, [0, -1]]
+        known = extend_intervals(inner, box, seen, reached_costs, known, lowest, target[:count])
+    best_of_all = int(np.nanargmin(reached_costs))
+    better = scale.leave(seen[best_of_all]) if reached_costs[best_of_all] < least else None
     low, high = np.clip(
         LogTransform(space.positive[:count]).leave(known.T),
         space.lower[:count],
@@ -312,7 +288,7 @@ def profile_intervals(
     )
     values = minimum.values[0, :count]
     intervals = np.stack([np.minimum(low, values), np.maximum(high, values)], axis=1)
-    return Profile(intervals, None if better is None else scale.leave(better))
+    return Profile(intervals, better)
 
 
 def _blocked(

@@ -13,7 +13,6 @@ from typing import Protocol
 
 import numpy as np
 
-from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 
@@ -42,29 +41,6 @@ class LogTransform:
     def slope(self, values: FloatArray) -> FloatArray:
         """Derivatives of the parameters by inner ones, shape (sets, parameters)."""
         return np.where(self.positive, values, 1.0)
-
-    def unknown(self, lower: FloatArray, upper: FloatArray) -> FloatArray:
-        """Inner standard errors of what is only known to lie within its bounds, (parameters,)."""
-        return 0.25 * (self.enter(upper) - self.enter(lower))
-
-    def interval(
-        self, values: FloatArray, error: FloatArray, lower: FloatArray, upper: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Ends of 95 % intervals, not beyond bounds, each of shape (..., parameters).
-
-        Parameters
-        ----------
-        values
-            Parameters, shape (..., parameters).
-        error
-            Their standard errors on the inner scale, of the same shape.
-        lower, upper
-            Bounds, shape (parameters,).
-        """
-        points, reach = self.enter(values), Z95 * error
-        least, most = np.minimum(lower, values), np.maximum(upper, values)
-        low, high = self.leave(points - reach), self.leave(points + reach)
-        return np.clip(low, least, most), np.clip(high, least, most)
 
     def inner(self, grams: FloatArray, values: FloatArray) -> FloatArray:
         """Gram matrices by inner parameters, from those by the parameters at `values`."""
@@ -215,37 +191,37 @@ class Minima:
     ----------
     values
         End points, shape (starts, parameters).
-    cost
-        Residual sums of squares, shape (starts,).
     converged
         Whether the stopping rule was met, shape (starts,).
     gram
         Gram matrices at the end points, shape (starts, parameters + 1, parameters + 1).
-    iterations
-        Iterations of the sweep.
     curvature
         What secants told of the Hessian beyond the Gram matrix, by logarithms of positive
         parameters, shape (starts, parameters, parameters); it belongs to `gram` and spares a
-        search that goes on from here to learn it again; None for nothing.
+        search that goes on from here to learn it again.
+    iterations
+        Iterations of the sweep.
     """
 
     values: FloatArray
-    cost: FloatArray
     converged: BoolArray
     gram: FloatArray
+    curvature: FloatArray
     iterations: int
-    curvature: FloatArray | None = None
 
-    def only(self, which: IntArray | BoolArray) -> Minima:
+    @property
+    def cost(self) -> FloatArray:
+        """Residual sums of squares, shape (starts,)."""
+        return np.asarray(self.gram[:, -1, -1])
+
+    def only(self, which: IntArray | BoolArray | list[int]) -> Minima:
         """Some of the ends, in the order given."""
-        known = self.curvature
-        return Minima(
-            self.values[which],
-            self.cost[which],
-            self.converged[which],
-            self.gram[which],
-            self.iterations,
-            None if known is None else known[which],
+        return replace(
+            self,
+            values=self.values[which],
+            converged=self.converged[which],
+            gram=self.gram[which],
+            curvature=self.curvature[which],
         )
 
     def best_first(self) -> Minima:
@@ -281,13 +257,14 @@ class Minima:
 
 def minimise(
     gram: Gram,
-    starts: FloatArray,
+    starts: FloatArray | Minima,
     space: Bounds,
     *,
     tolerance: float = 1e-9,
     iterations: int = 60,
+    sort: bool = True,
 ) -> Minima:
-    """Minimise a sum of squares within bounds from every start.
+    """Minimise a sum of squares within bounds from every start, all at once.
 
     Positive parameters move on a logarithmic scale, on which the narrow valley of gain
     and lead time, whose product alone is well known, is straight.
@@ -297,148 +274,56 @@ def minimise(
     gram
         Evaluates Gram matrices of Jacobian and residual.
     starts
-        Start points, shape (starts, parameters).
+        Start points, shape (starts, parameters), or the ends of a search that goes on.
     space
         Bounds of the parameters, and which of them are positive; a model for example.
     tolerance
         Stop when a step is predicted to lower the cost by less than this share.
     iterations
         Largest number of evaluations.
-    """
-    ends = minimise_each(gram, starts, space, tolerance=tolerance, iterations=iterations)
-    return ends.best_first()
-
-
-def resume(
-    gram: Gram, end: Minima, space: Bounds, *, tolerance: float = 1e-9, iterations: int = 60
-) -> Minima:
-    """Go on from where a search ended, its best end alone, with what it learned of the Hessian.
-
-    Parameters
-    ----------
-    gram, space, tolerance, iterations
-        See `minimise`.
-    end
-        What `minimise` found.
-    """
-    best = end.only(np.arange(1))
-    return minimise_each(
-        gram,
-        best.values,
-        space,
-        tolerance=tolerance,
-        iterations=iterations,
-        known=best,
-    )
-
-
-def minimise_each(
-    gram: Gram,
-    starts: FloatArray,
-    space: Bounds,
-    *,
-    tolerance: float = 1e-9,
-    iterations: int = 60,
-    known: Minima | None = None,
-) -> Minima:
-    """Minimise from every start, see `minimise`, with the ends in the order of the starts.
-
-    Parameters
-    ----------
-    gram, starts, space, tolerance, iterations
-        See `minimise`.
-    known
-        What a search knew that ended at the starts.
-
-    Returns
-    -------
-    Minima
-        In the order of the starts.
+    sort
+        Whether the best end comes first; they are in the order of the starts otherwise.
     """
     scale = LogTransform(space.positive)
-    clipped = np.clip(starts, space.lower, space.upper)
+    lower, upper = scale.enter(space.lower), scale.enter(space.upper)
+    longest = np.where(space.positive, LONGEST_LOG_STEP, 0.25 * (space.upper - space.lower))
 
     def inner_gram(points: FloatArray) -> FloatArray:
-        values = scale.leave(points)
-        return scale.inner(gram(values), values)
+        own = scale.leave(points)
+        return scale.inner(gram(own), own)
 
-    points = scale.enter(clipped)
-    if known is None:
-        grams, curvature = inner_gram(points), None
+    if isinstance(starts, Minima):
+        clipped = np.clip(starts.values, space.lower, space.upper)
+        values, grams = scale.enter(clipped), scale.inner(starts.gram, clipped)
+        curvature = starts.curvature.copy()
     else:
-        grams, curvature = scale.inner(known.gram, clipped), known.curvature
-    none = np.zeros(len(points), dtype=bool)
-    begin = Minima(points, grams[:, -1, -1], none, grams, 1, curvature)
-    end = _minimise(
-        inner_gram,
-        begin,
-        scale.enter(space.lower),
-        scale.enter(space.upper),
-        np.where(space.positive, LONGEST_LOG_STEP, 0.25 * (space.upper - space.lower)),
-        tolerance,
-        iterations,
-    )
-    values = np.clip(scale.leave(end.values), space.lower, space.upper)
-    return replace(end, values=values, gram=scale.outer(end.gram, values))
-
-
-def _minimise(
-    gram: Gram,
-    begin: Minima,
-    lower: FloatArray,
-    upper: FloatArray,
-    longest: FloatArray,
-    tolerance: float,
-    iterations: int,
-) -> Minima:
-    """Minimise from where `begin` is, all searches at once, until the last has ended."""
-    # Of the searches that go on; what has ended is put into the arrays of the result.
-    active = np.arange(len(begin.values))
-    values, grams = begin.values, begin.gram
-    curvature = np.zeros_like(grams[:, :-1, :-1]) if begin.curvature is None else begin.curvature
-    scale = _scale(grams)
+        values = scale.enter(np.clip(starts, space.lower, space.upper))
+        grams = inner_gram(values)
+        curvature = np.zeros_like(grams[:, :-1, :-1])
     damping = np.full(len(values), FIRST_DAMPING)
-    ended = begin.only(np.arange(len(values)))
-    learned_of = curvature.copy()
-    count = 1
-
-    def leave(which: BoolArray, converged: BoolArray | bool) -> BoolArray:
-        """Keep where some have ended; which of them go on."""
-        nonlocal active, values, grams, curvature, scale, damping
-        index, on = active[which], ~which
-        ended.values[index], ended.gram[index] = values[which], grams[which]
-        ended.cost[index], ended.converged[index] = grams[which, -1, -1], converged
-        learned_of[index] = curvature[which]
-        active, values, grams = active[on], values[on], grams[on]
-        curvature, scale, damping = curvature[on], scale[on], damping[on]
-        return on
-
-    while active.size and count < iterations:
-        cost = grams[:, -1, -1]
-        scaled, own, promised = _step(grams, curvature, scale, values, damping, lower, upper)
-        if (done := promised <= tolerance * cost).any():
-            on = leave(done, True)
-            if not active.size:
+    converged = np.zeros(len(values), dtype=bool)
+    going, count = np.arange(len(values)), 1
+    while going.size and count < iterations:
+        was, old, learned = values[going], grams[going], curvature[going]
+        scaled, own, promised = _step(old, learned, was, damping[going], lower, upper)
+        if (done := promised <= tolerance * old[:, -1, -1]).any():
+            converged[going[done]] = True
+            was, old, learned, scaled, own, promised = (
+                each[~done] for each in (was, old, learned, scaled, own, promised)
+            )
+            going = going[~done]
+            if not going.size:
                 break
-            cost, scaled, own, promised = cost[on], scaled[on], own[on], promised[on]
-        step = np.minimum(np.maximum(scaled / scale, -longest), longest)
-        trial = np.minimum(np.maximum(values + step, lower), upper)
-        trial_grams = gram(trial)
+        step = np.minimum(np.maximum(scaled / _scale(old), -longest), longest)
+        trial = np.minimum(np.maximum(was + step, lower), upper)
+        new = inner_gram(trial)
         count += 1
-        reached = trial_grams[:, -1, -1]
-        trial_scale = _scale(trial_grams)
+        cost, reached = old[:, -1, -1], new[:, -1, -1]
         better = reached < cost  # false for NaN
         # Far from the optimum a secant says little about the curvature there.
-        near = reached > 0.99 * cost
-        near &= better
-        eased = np.maximum(damping / 10.0, 1e-9)
-        if near.any():
-            # Of the others nothing is kept, and what their numbers are does not matter.
-            new = np.where(near[:, None, None], trial_grams, grams)
-            learned = _secant(curvature, grams, new, trial - values, _scale(new))
-            learned = np.where(near[:, None, None], learned, 0.0)
-        else:
-            learned = np.zeros_like(curvature)
+        near = better & (reached > 0.99 * cost)
+        learned[near] = _secant(learned[near], old[near], new[near], (trial - was)[near])
+        learned[~near] = 0.0
         # A parabola through what was promised and what came tells how much too long the step was,
         # and the Hessian along it, in shares of its diagonal, how much damping that takes.
         stiff = promised / np.maximum(np.vecdot(own, own), 1e-300)
@@ -446,28 +331,31 @@ def _minimise(
         longer = np.where(
             np.isfinite(rise), np.minimum(np.maximum(1.0 + 2.0 * rise, 1.0), 100.0), 100.0
         )
-        damping = np.where(better, eased, np.maximum(8.0 * damping, longer * stiff))
-        values = np.where(better[:, None], trial, values)
-        scale = np.where(better[:, None], trial_scale, scale)
-        grams = np.where(better[:, None, None], trial_grams, grams)
-        curvature = np.where(better[:, None, None], learned, curvature)
-        # Rounding, not the model, is then what keeps a step from lowering the cost.
-        if (stuck := damping > 1e7).any():
-            leave(stuck, np.isfinite(grams[stuck, -1, -1]))
-    leave(np.ones(active.size, dtype=bool), False)
-    return replace(ended, iterations=count, curvature=learned_of)
+        last = damping[going]
+        damping[going] = np.where(
+            better, np.maximum(last / 10.0, 1e-9), np.maximum(8.0 * last, longer * stiff)
+        )
+        on = going[better]
+        values[on], grams[on], curvature[on] = trial[better], new[better], learned[better]
+        # Rounding, not the model, is what keeps a step so damped from lowering the cost.
+        stuck = going[damping[going] > 1e7]
+        converged[stuck] = np.isfinite(grams[stuck, -1, -1])
+        going = going[damping[going] <= 1e7]
+    values = np.clip(scale.leave(values), space.lower, space.upper)
+    ends = Minima(values, converged, scale.outer(grams, values), curvature, count)
+    return ends.best_first() if sort else ends
 
 
 def _step(
     grams: FloatArray,
     curvature: FloatArray,
-    scale: FloatArray,
     values: FloatArray,
     damping: FloatArray,
     lower: FloatArray,
     upper: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Damped and undamped steps, both times `scale`, and the decrease that the latter promise."""
+    """Damped and undamped steps, both times `_scale`, and the decrease that the latter promise."""
+    scale = _scale(grams)
     right = grams[:, :-1, -1] / scale
     matrix = grams[:, :-1, :-1] + curvature
     matrix /= scale[:, :, None] * scale[:, None, :]
@@ -508,7 +396,7 @@ def _solved(
 
 
 def _secant(
-    curvature: FloatArray, old: FloatArray, new: FloatArray, step: FloatArray, scale: FloatArray
+    curvature: FloatArray, old: FloatArray, new: FloatArray, step: FloatArray
 ) -> FloatArray:
     """Symmetric rank-one update of what Gauss-Newton leaves out of the Hessian.
 
@@ -519,6 +407,7 @@ def _secant(
     change = old[:, :-1, -1] - new[:, :-1, -1]  # of the gradient
     told = np.vecdot(new[:, :-1, :-1] + curvature, step[:, None])
     missing = change - told
+    scale = _scale(new)
     scaled_missing, scaled = missing / scale, step * scale
     product = np.vecdot(missing, step)
     square = np.vecdot(scaled_missing, scaled_missing) * np.vecdot(scaled, scaled)

@@ -6,27 +6,32 @@ No verdict depends on what else a study or a report holds.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from pilotid.study.comparison import ALL, Score
-from pilotid.study.scores import skewed_t
-from pilotid.support.format import number, plus_minus
+from pilotid.study.scores import ALL, LOSS, loss_text, skewed_t
+from pilotid.support.format import number, plus_minus, signed
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 #: Loss of all parameters below which a method is efficient, and below which it is usable.
 EFFICIENT, USABLE = 1.25, 2.0
+#: Root mean square error over the bound of an efficient method's worst parameter, at the most.
+USELESS = 4.0
 #: A flag stands for what chance shows this seldom in a method that has no such fault.
 LEVEL = 1e-3
-#: Share of failed fits that is no fault.
-FAILURES = 0.01
+#: Share of failed fits that is no fault, and the one beyond which a method is poor.
+FAILURES, MOST_FAILURES = 0.01, 0.1
 FEWEST = 5  # fits of which a mean can be tested
 #: What verdicts rest on, for those who explain them.
 LIMITS = {
     "efficient": EFFICIENT,
     "usable": USABLE,
+    "useless": USELESS,
     "without": round(1.0 / LEVEL),
     "failing": 100.0 * FAILURES,
+    "often": 100.0 * MOST_FAILURES,
 }
 
 
@@ -89,51 +94,56 @@ class Verdict:
         return f"{self.grade}: {names}" if names else self.grade
 
 
-def judge(scores: Sequence[Score]) -> Verdict:
+def judge(scores: DataFrame) -> Verdict:
     """Judge a method in a scenario.
 
     Parameters
     ----------
     scores
-        Of all parameters together, and of each.
+        Of all parameters together, and of each; see `pilotid.study.scores.score`.
     """
-    overall, *each = scores
-    if not overall.tried:
+    rows = list(scores.itertuples())
+    overall = rows[0]
+    if not overall.recordings:
         return Verdict("not applicable", ())
-    loss = overall.loss.value
     grade = "poor"
-    if math.isnan(loss):
+    if math.isnan(overall.loss):
         grade = "unscored"
-    elif loss < USABLE:
-        grade = "efficient" if loss < EFFICIENT else "usable"
-    flags = (_bias(each), _coverage(scores), _failures(overall))
+    elif overall.loss < USABLE and not fails_often(overall):
+        even = max(row.rmse_over_bound for row in rows[1:]) <= USELESS
+        grade = "efficient" if overall.loss < EFFICIENT and even else "usable"
+    flags = (_bias(rows[1:]), _coverage(rows), _failures(overall))
     return Verdict(grade, tuple(flag for flag in flags if flag))
 
 
-def _bias(each: Sequence[Score]) -> Flag | None:
+def fails_often(row: Any) -> bool:
+    """Whether more than a tenth of the fits failed, of which a row of scores tells."""
+    return bool(row.failures > MOST_FAILURES * row.recordings)
+
+
+def _bias(each: list[Any]) -> Flag | None:
     """The largest certain bias, by a t test that allows for skewed errors."""
     from scipy.special import stdtr
 
-    def certain(s: Score) -> bool:
-        count = s.n
-        if count < FEWEST or not s.z.error > 0.0:
+    def certain(s: Any) -> bool:
+        if s.n < FEWEST or not s.mean_z_se > 0.0:
             return False
-        t = skewed_t(s.z.value, s.z.error * math.sqrt(count), s.z_skew, count)
-        return bool(2.0 * stdtr(count - 1.0, -abs(t)) < LEVEL)
+        t = skewed_t(s.mean_z, s.mean_z_se * math.sqrt(s.n), s.z_skew, s.n)
+        return bool(2.0 * stdtr(s.n - 1.0, -abs(t)) < LEVEL)
 
-    worst = max(filter(certain, each), key=lambda s: abs(s.z.value), default=None)
-    return Flag("biased", worst.parameter, *worst.z) if worst else None
+    worst = max(filter(certain, each), key=lambda s: abs(s.mean_z), default=None)
+    return Flag("biased", worst.parameter, worst.mean_z, worst.mean_z_se) if worst else None
 
 
-def _coverage(scores: Sequence[Score]) -> Flag | None:
+def _coverage(rows: list[Any]) -> Flag | None:
     """The coverage that is surest not to be 95 %, by the binomial distribution."""
     from scipy.special import bdtr, bdtrc
 
     found = []
-    for s in scores:
+    for s in rows:
         if not s.worth:
             continue
-        hits = s.coverage.value * s.worth
+        hits = s.coverage_95 * s.worth
         short = float(bdtr(math.floor(hits + 1e-9), s.worth, 0.95))
         long = float(bdtrc(math.ceil(hits - 1e-9) - 1, s.worth, 0.95)) if hits > 0.0 else 1.0
         if 2.0 * min(short, long) < LEVEL:
@@ -141,22 +151,22 @@ def _coverage(scores: Sequence[Score]) -> Flag | None:
     if not found:
         return None
     single = [f for f in found if f[0].parameter != ALL] or found
-    worst, code = max(single, key=lambda f: abs(f[0].coverage.value - 0.95))
-    share = worst.coverage.value
+    worst, code = max(single, key=lambda f: abs(f[0].coverage_95 - 0.95))
+    share = worst.coverage_95
     return Flag(code, worst.parameter, share, math.sqrt(share * (1.0 - share) / worst.worth))
 
 
-def _failures(overall: Score) -> Flag | None:
+def _failures(overall: Any) -> Flag | None:
     """Failures that are certainly more than a few."""
     from scipy.special import bdtrc
 
-    count, share = overall.tried, overall.failures / overall.tried
+    count, share = overall.recordings, overall.failures / overall.recordings
     if not overall.failures or bdtrc(overall.failures - 1, count, FAILURES) >= LEVEL:
         return None
     return Flag("fails", ALL, share, math.sqrt(share * (1.0 - share) / count))
 
 
-def sentence(name: str, scores: Sequence[Score]) -> str:
+def sentence(name: str, scores: DataFrame) -> str:
     """What a reader should know of a method in a scenario.
 
     Parameters
@@ -166,15 +176,28 @@ def sentence(name: str, scores: Sequence[Score]) -> str:
     scores
         As `judge` takes them.
     """
-    verdict, overall = judge(scores), scores[0]
+    verdict, overall = judge(scores), scores.iloc[0]
     if verdict.grade == "not applicable":
         return f"`{name}`: not applicable by its own word."
     if verdict.grade == "unscored":
-        head = f"gives no intervals; rmse {number(overall.ratio.value)} times the bound"
+        head = f"gives no intervals; rmse {number(overall.rmse_over_bound)} times the bound"
     else:
-        head = f"{verdict.grade}, loss {overall.loss}"
+        head = f"{verdict.grade}, loss {loss_text(*overall[list(LOSS)])}"
     if overall.failures and math.isfinite(overall.loss_ended_well):
         head += f" ({number(overall.loss_ended_well)} without failures)"
     faults = "; ".join(flag.words for flag in verdict.flags) or "no significant faults"
-    partly = f" It objects to {overall.objections} recordings." if overall.objections else ""
-    return f"`{name}`: {head}; {faults}.{partly}"
+    worst = worst_parameter(scores)
+    return (
+        f"`{name}`: {head}; {faults}; worst: {worst}." if worst else f"`{name}`: {head}; {faults}."
+    )
+
+
+def worst_parameter(scores: DataFrame) -> str:
+    """The parameter that is farthest off in bounds, in rmse, and its bias; empty for none."""
+    own = scores.iloc[1:].dropna(subset="rmse_over_bound")
+    if not len(own):
+        return ""
+    row = own.loc[own.rmse_over_bound.idxmax()]
+    words = f"{row.parameter} {number(row.rmse_over_bound, 2)} bounds"
+    known = math.isfinite(row.bias_percent)
+    return f"{words}, {signed(row.bias_percent)} %" if known else words

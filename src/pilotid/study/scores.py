@@ -1,9 +1,10 @@
-"""Scores of an estimator over recordings, as free functions of plain arrays.
+"""Scores of methods over recordings: functions of a study's frame, and of plain arrays.
 
-Each takes what is known of one parameter, shape (fits,), or of several; what failed is left out
-beforehand.  Too few values for a score give NaN.  Values of one recording depend on one another,
-so that scores over several parameters take the recording of each value (``clusters``) and have
-the Monte Carlo error of clusters.
+`score` makes a row of scores for each scenario, method and parameter of a study's frame (see
+`pilotid.study.table.Results`).  The functions of arrays take what is known of one parameter, shape
+(fits,), or of several; what failed is left out beforehand.  Too few values for a score give NaN.
+Values of one recording depend on one another, so that scores over several parameters take the
+recording of each value (``clusters``) and have the Monte Carlo error of clusters.
 
 The loss
 --------
@@ -25,16 +26,24 @@ all cost.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
+from collections.abc import Iterator
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
 
+from pilotid.estimates.estimate import Outcome
 from pilotid.support.format import number
 from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, FloatArray, IntArray
 
+if TYPE_CHECKING:
+    from pandas import DataFrame, Series
+
+ALL = "all"  # stands for all parameters, and for all recordings
+LOSS = ("loss", "loss_lower", "loss_upper")
 MISSED = 40.0  # what a missed distance costs: 2 over the chance that a 95 % interval misses
 #: E[(|z| - 1.96)+] of a standard normal variable: twice phi(c) - c (1 - Phi(c)).
 SHORTFALL = 2.0 * (math.exp(-0.5 * Z95**2) / math.sqrt(2.0 * math.pi) - 0.025 * Z95)
@@ -45,6 +54,8 @@ EFFICIENT_VARIANCE = (0.05 - Z95 * SHORTFALL - SHORTFALL**2) * (MISSED / EFFICIE
 RESAMPLES = 1000
 ROUNDING = 1e-12  # what is smaller, of logarithms and of their variances, is zero
 FAR = 3.0  # an honest standardised error is beyond this in 0.27 % of all cases
+#: A fit ends in a wrong optimum if its criterion exceeds that of a search from the truth by more.
+WRONG = 4.0
 TRIMMED = 0.01  # share of the largest errors that the trimmed score leaves out
 MEDIAN_SIZE = 0.674490  # median of the absolute value of a standard normal variable
 
@@ -56,39 +67,277 @@ class Mean(NamedTuple):
     error: float
 
 
-class Interval(NamedTuple):
-    """A value and its 95 % interval."""
-
-    value: float
-    lower: float
-    upper: float
-
-    def __str__(self) -> str:
-        value, lower, upper = map(loss_text, self)
-        return f"{value} ({lower}-{upper})" if math.isfinite(self.upper) else value
+def loss_text(loss: float, lower: float = math.nan, upper: float = math.nan) -> str:
+    """A loss with the digits that it deserves, and its interval if there is one."""
+    text = f"{loss:.2f}" if loss < 9.995 else number(loss)
+    return f"{text} ({loss_text(lower)}-{loss_text(upper)})" if math.isfinite(upper) else text
 
 
-def loss_text(loss: float) -> str:
-    """A loss with the digits that it deserves."""
-    return f"{loss:.2f}" if loss < 9.995 else number(loss)
+# ---------------------------------------------------------------------------- a study's frame
 
 
-NOTHING = Interval(math.nan, math.nan, math.nan)
+def measured(frame: DataFrame) -> DataFrame:
+    """A study's frame with what scores are made of, for each parameter of each fit.
+
+    The columns added are ``first``, which row is the first of a fit; ``tried``, whether the method
+    can treat the recording; ``error``, of fits that count, ``z``, the same over the claimed error,
+    and ``ratio``, over the bound; ``hit``, whether the interval holds the truth, NaN without one;
+    ``low`` and ``high``, the ends of the interval or of that which the standard error makes;
+    ``loss``, NaN where there is none; and ``warned``, whether a user is told something of the fit.
+
+    What failed, and an interval that is missing though others of the method are not, is charged
+    with the interval from zero to twice the true value, and no interval counts beyond these ends:
+    nobody gains by failing where an honest interval is wide.  An objection is no try if the method
+    objects to all recordings of the scenario, and a failure else.  A method that succeeds without
+    any interval has no loss.
+    """
+    d = frame.copy()
+    cells = [d.scenario, d.method]
+    d["first"] = ~d.duplicated(["scenario", "method", "replication"])
+    objects = d.outcome == Outcome.NOT_APPLICABLE.slug
+    d["tried"] = ~objects.groupby(cells).transform("all")
+    d["error"] = (d.value - d.truth).where(d.usable)
+    claimed = d.std_error.where(d.std_error > 0.0)
+    d["z"], d["ratio"] = d.error / claimed, d.error / d.bound
+    own = d.lower.notna() & d.upper.notna()
+    hit = (d.lower <= d.truth) & (d.truth <= d.upper)
+    d["hit"] = hit.astype(float).where(own & d.error.notna())
+    d["low"] = d.lower.where(own, d.value - Z95 * claimed)
+    d["high"] = d.upper.where(own, d.value + Z95 * claimed)
+    ends = np.minimum(0.0, 2.0 * d.truth), np.maximum(0.0, 2.0 * d.truth)
+    low, high = (end.clip(*ends) for end in (d.low, d.high))
+    score = interval_score(low, high, d.truth).where(d.usable)
+    some = score.notna().groupby(cells).transform("any")
+    none = d.usable.groupby(cells).transform("any") & ~some
+    charged = score.fillna(2.0 * d.truth.abs()) / (EFFICIENT * d.bound)
+    d["loss"] = charged.where(d.tried & ~none)
+    d["warned"] = (d.remarks != "") | ~d.usable
+    return d
+
+
+def parameters_of(cell: DataFrame) -> list[str]:
+    """The parameters of a scenario's fits; those of large models in front, in their order."""
+    known = cell[cell.truth.notna()]
+    models = known.groupby("model").parameter.unique()
+    ordered = sorted(models.items(), key=lambda each: (-len(each[1]), each[0]))
+    return list(dict.fromkeys(key for _, keys in ordered for key in keys))
+
+
+def score(measured: DataFrame) -> DataFrame:
+    """Scores of all parameters and of each, in each scenario and in each part of a population.
+
+    A row has scenario, method, ``stratum`` and ``value`` (``all`` for all recordings), parameter,
+    and scores: counts of recordings that the method can treat, of values that count, of failures
+    and objections; with the standard error (``_se``) of each where there is one, bias, standard
+    deviation and root mean square error in the parameter's unit, NaN where recordings have truths
+    of their own; coverage of the 95 % intervals, its own 95 % interval, and how many independent
+    intervals (``worth``) they are; of error over claimed error mean, skewness, root mean square,
+    the same with 1 % left out and the share beyond 3; of error over bound the root mean square and
+    its counterpart of the median; fits in a wrong optimum, of those (``optima``) for which that
+    is known; the loss with its 95 % interval, and that of the fits that ended well; median seconds
+    of a fit; and recordings of which a user is told something.
+
+    Parameters
+    ----------
+    measured
+        What the function of that name makes.
+    """
+    from pandas import DataFrame
+
+    rows: list[dict[str, Any]] = []
+    for name in measured.scenario.unique():
+        scenario = measured[measured.scenario == name]
+        parts = strata_of(scenario) if scenario.population.iloc[0] else {}
+        for method, cell in scenario.groupby("method", sort=False):
+            keys, front = parameters_of(cell), {"scenario": name, "method": method}
+            columns = {column: cell[column].to_numpy() for column in USED}
+            columns["recording"] = cell.replication.factorize()[0]
+            whole = {(ALL, ALL): np.ones(len(cell), dtype=bool)}
+            for (stratum, value), chosen in (whole | _chosen(cell, parts)).items():
+                own = {column: held[chosen] for column, held in columns.items()}
+                part = front | {"stratum": stratum, "value": value}
+                rows += [part | scores for scores in _scores_of(own, keys, str(name))]
+    return DataFrame(rows)
+
+
+#: Columns of what is measured that scores are made of.
+USED = (
+    *("parameter", "first", "tried", "usable", "posterior", "warned", "population", "truth"),
+    *("bound", "value", "std_error", "seconds", "excess", "error", "z", "ratio", "hit", "loss"),
+)
+
+
+def _chosen(
+    cell: DataFrame, parts: dict[str, dict[str, frozenset[int]]]
+) -> dict[tuple[str, str], BoolArray]:
+    """Which rows are of each part of a population."""
+    return {
+        (stratum, value): np.asarray(cell.replication.isin(members))
+        for stratum, values in parts.items()
+        for value, members in values.items()
+    }
+
+
+def _scores_of(own: dict[str, Any], keys: list[str], name: str) -> Iterator[dict[str, Any]]:
+    """What all parameters together have scored, and each."""
+    losses = np.full((own["recording"].max(initial=-1) + 1, len(keys)), math.nan)
+    of_key = {key: own["parameter"] == key for key in keys}
+    for place, rows in enumerate(of_key.values()):
+        losses[own["recording"][rows], place] = own["loss"][rows]
+    well = [mean(own["loss"][rows & own["usable"]]) for rows in of_key.values()]
+    logs = [math.log(loss) for loss in well if loss > 0.0]
+    ended = [math.exp(float(np.mean(logs))) if logs else math.nan, *well]
+    found = mean_losses(losses, name)
+    every = {ALL: np.ones(own["parameter"].size, dtype=bool), **of_key}
+    for (key, rows), loss, good in zip(every.items(), found.tolist(), ended, strict=True):
+        these = {column: held[rows] for column, held in own.items()}
+        last = dict(zip(LOSS, loss, strict=True)) | {"loss_ended_well": good}
+        yield {"parameter": key} | _row(these, key) | last
+
+
+def _row(own: dict[str, Any], key: str) -> dict[str, Any]:
+    """What one parameter, or all, have scored but for the loss."""
+    fits = own["first"] | (key != ALL)
+    tried, usable, warned, excess, seconds = (
+        own[name][fits] for name in ("tried", "usable", "warned", "excess", "seconds")
+    )
+    excess, seconds = excess[tried & np.isfinite(excess)], seconds[np.isfinite(seconds)]
+    error = np.isfinite(own["error"])
+    claims, bounded, given = (error & np.isfinite(own[name]) for name in ("z", "ratio", "hit"))
+    z, of_z = own["z"][claims], own["recording"][claims]
+    ratio, of_ratio = own["ratio"][bounded], own["recording"][bounded]
+    cover, ends, worth = coverage(own["hit"][given] > 0.0, own["recording"][given])
+    one = key != ALL and error.size > 0 and not own["population"][0]
+    truth, bound = (own["truth"][0], own["bound"][0]) if one else (math.nan, math.nan)
+    values = own["value"][error] if one else np.zeros(0)
+    claimed = mean(own["std_error"][error]) if one else math.nan
+    off = bias(values, truth)
+    pairs = {
+        ("bias", "bias_se"): off,
+        ("std", "std_se"): spread(values),
+        ("rmse", "rmse_se"): rmse(values, truth),
+        ("coverage_95", "coverage_se"): cover,
+        ("mean_z", "mean_z_se"): clustered_mean(z, of_z),
+        ("rms_z", "rms_z_se"): root_mean_square(z, of_z),
+        ("rms_z_trimmed", "rms_z_trimmed_se"): trimmed(z, of_z),
+        ("beyond_3", "beyond_3_se"): beyond(z, of_z),
+        ("rmse_over_bound", "rmse_over_bound_se"): root_mean_square(ratio, of_ratio),
+    }
+    return {
+        "recordings": int(tried.sum()),
+        "n": int(error.sum()),
+        "usable": int(usable.sum()),
+        "failures": int((tried & ~usable).sum()),
+        "not_applicable": int((~tried).sum()),
+        "truth": truth,
+        "crlb": bound,
+        "bias_percent": 100.0 * off[0] / truth if truth else math.nan,
+        "mean_std_error": claimed,
+        "posterior_std": claimed if own["posterior"].any() else math.nan,
+        "coverage_lower": ends[0],
+        "coverage_upper": ends[1],
+        "worth": worth,
+        "z_skew": skewness(z),
+        "median_over_bound": typical(ratio),
+        "wrong_optima": int((excess > WRONG).sum()),
+        "optima": int(excess.size),
+        "seconds": float(np.median(seconds)) if seconds.size else math.nan,
+        "warned": int((tried & warned).sum()),
+        **{name: x for names, pair in pairs.items() for name, x in zip(names, pair, strict=True)},
+    }
+
+
+def loss_ratios(first: DataFrame, second: DataFrame) -> DataFrame:
+    """Ratios of the first method's losses to the second's on the recordings that both have.
+
+    Parameters
+    ----------
+    first, second
+        Rows of `measured` of one scenario; the bounds of the second count.
+
+    Returns
+    -------
+    ``loss``, ``loss_lower`` and ``loss_upper`` of all parameters together and of each, by key.
+    """
+    from pandas import DataFrame
+
+    both = first.merge(second, on=["replication", "parameter"], suffixes=("", "_other"))
+    both = both[both.truth.notna() & both.truth_other.notna()]
+    keys = [key for key in parameters_of(first) if (both.parameter == key).any()]
+    scaled = both.assign(loss=both.loss * both.bound / both.bound_other)
+    ours, theirs = (
+        np.asarray(scaled.pivot(index="replication", columns="parameter", values=name)[keys])
+        for name in ("loss", "loss_other")
+    )
+    found = mean_losses(ours, first.scenario.iloc[0], theirs)
+    return DataFrame(found, [ALL, *keys], LOSS)
+
+
+# ------------------------------------------------------------------------------------ strata
+
+
+def strata_of(scenario: DataFrame) -> dict[str, dict[str, frozenset[int]]]:
+    """Replications of a population by the value of each fact, by the fact's name.
+
+    Facts that vary in steps have a stratum for each value; remnant level and length are
+    divided into thirds of the recordings.
+
+    Parameters
+    ----------
+    scenario
+        The frame's rows of a population.
+    """
+    facts = scenario[scenario.model != ""].drop_duplicates("replication").set_index("replication")
+    words = {
+        "model": facts.model,
+        "element": facts.element.fillna("?").astype(str),
+        "remnant": facts.remnant.fillna("?").astype(str),
+        "level": _thirds(facts.remnant_level, 100.0, "%"),
+        "rate": (1.0 / facts.dt).map("{:.0f} Hz".format),
+        "length": _thirds(facts.duration, 1.0, "s"),
+        "run-in": facts.run_in.map("{:.0f} s".format),
+        "runs": facts.runs.map(lambda runs: "1 run" if runs == 1 else f"{runs:.0f} runs"),
+        "forcing": facts.forcing.fillna("?").astype(str),
+    }
+    return {
+        name: {
+            value: frozenset(labels.index[labels == value])
+            for value in sorted(labels.unique(), key=_in_order)
+        }
+        for name, labels in words.items()
+    }
+
+
+def _in_order(label: str) -> tuple[float, str]:
+    """Numbers by their size, words by the alphabet behind them."""
+    first = label.split()[0] if label.split() else ""
+    return (float(first), label) if first.replace(".", "").isdecimal() else (math.inf, label)
+
+
+def _thirds(numbers: Series, scale: float, unit: str) -> Series:
+    """In which third of the recordings each is by a number; fewer where many have the same."""
+    known = numbers.dropna().round(6)
+    if not len(known):
+        return known.astype(str)
+    edges = known.quantile([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0]).tolist()
+    places = [min(bisect_right(edges[1:3], x), 2) for x in known]
+    words = [f"{scale * edges[i]:.0f} to {scale * edges[i + 1]:.0f} {unit}" for i in places]
+    return type(known)(words, index=known.index)
 
 
 # ---------------------------------------------------------------------------------- the loss
 
 
-def interval_score(lower: FloatArray, upper: FloatArray, truth: FloatArray) -> FloatArray:
+def interval_score(lower: Any, upper: Any, truth: Any) -> Any:
     """Width of each 95 % interval, and 40 times the distance by which it misses the truth.
 
     Parameters
     ----------
     lower, upper, truth
-        Ends of the intervals and true values, all of one shape.
+        Ends of the intervals and true values, all of one shape: arrays, or columns of a frame.
     """
     missed = np.maximum(lower - truth, 0.0) + np.maximum(truth - upper, 0.0)
-    return np.asarray(upper - lower + MISSED * missed)
+    return upper - lower + MISSED * missed
 
 
 @lru_cache(maxsize=8)
@@ -102,8 +351,10 @@ def _resamples(name: str, count: int) -> FloatArray:
     return np.vstack([np.ones(count), drawn]) / count
 
 
-def mean_losses(losses: FloatArray, name: str, others: FloatArray | None = None) -> list[Interval]:
-    """Mean of each parameter's losses and, first, the geometric mean over the parameters.
+def mean_losses(losses: FloatArray, name: str, others: FloatArray | None = None) -> FloatArray:
+    """Means and their 95 % intervals, shape (1 + parameters, 3): over all parameters, and of each.
+
+    That over all is the geometric mean over the parameters.
 
     The intervals are bootstrap-t on logarithms, with recordings as what is resampled.  Misses
     are rare and dear: where few or none came, the recordings do not show how much the loss
@@ -127,7 +378,7 @@ def mean_losses(losses: FloatArray, name: str, others: FloatArray | None = None)
     count = int(rows.sum())
     present: BoolArray = np.asarray(known.any(axis=0))
     if not count:
-        return [NOTHING] * (1 + present.size)
+        return np.full((1 + present.size, 3), math.nan)
     known = known[rows][:, present]
     x = np.where(known, losses[rows][:, present], 0.0)
     # Of one method alone the other one's loss is 1 everywhere.
@@ -153,30 +404,30 @@ def mean_losses(losses: FloatArray, name: str, others: FloatArray | None = None)
         variance[0] = np.maximum(variance[0], least)
     logs = np.column_stack([logs.mean(axis=1), logs])
     logs[np.abs(logs) < ROUNDING] = 0.0
-    found = [
-        _bootstrap_t(logs[:, k], variance[:, k], count, one_sided=others is None)
-        for k in range(logs.shape[1])
-    ]
-    rest = iter(found[1:])
-    return [found[0], *(next(rest) if there else NOTHING for there in present)]
+    found = np.full((1 + present.size, 3), math.nan)
+    for place, own, spread in zip(
+        np.flatnonzero([True, *present]), logs.T, variance.T, strict=True
+    ):
+        found[place] = _bootstrap_t(own, spread, count, one_sided=others is None)
+    return found
 
 
 def _bootstrap_t(
     logs: FloatArray, variance: FloatArray, count: int, *, one_sided: bool
-) -> Interval:
+) -> tuple[float, float, float]:
     """An interval from the logarithms of the sample (first) and of its resamples."""
     value = float(np.exp(logs[0]))
     error = math.sqrt(variance[0] / count) if count > 1 and variance[0] >= 0.0 else math.nan
     if not math.isfinite(value) or not math.isfinite(error):
-        return Interval(value, math.nan, math.nan)
+        return value, math.nan, math.nan
     if error == 0.0:
-        return Interval(value, value, value)
+        return value, value, value
     spread = np.sqrt((count * variance[1:] + variance[0]) / (count + 1.0) / count)
     t = (logs[1:] - logs[0]) / spread
     low, high = np.nanquantile(t, [0.025, 0.975]) if np.isfinite(t).any() else (-Z95, Z95)
     if one_sided:
         low = min(low, -Z95)
-    return Interval(value, value * math.exp(-high * error), value * math.exp(-low * error))
+    return value, value * math.exp(-high * error), value * math.exp(-low * error)
 
 
 # ---------------------------------------------------------------- one parameter, one true value

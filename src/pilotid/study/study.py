@@ -6,16 +6,17 @@ import platform
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import version
 from itertools import chain, count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from pilotid.datasets import CATALOGUE, AnyScenario, Population, Scenario, scenarios_named, simulate
+from pilotid.datasets import CATALOGUE, AnyScenario, Population, scenarios_named, simulate
 from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.estimates.estimate import Outcome
@@ -24,23 +25,20 @@ from pilotid.jobs import TIME_LIMIT, run_tasks
 from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.code import code_digest, own_digest, packed, place_of, reason
 from pilotid.naming.settings import labelled, plain
-from pilotid.study.comparison import Comparison, comparison_of
-from pilotid.study.fits import OUTSIDE, Task, given_up, run_task, scenario_of, truths_of
-from pilotid.study.store import (
-    MethodEntry,
-    ParameterTruth,
-    Result,
-    ScenarioEntry,
-    Store,
-    Unit,
+from pilotid.study.run import (
+    OUTSIDE,
+    Task,
+    given_up,
+    run_task,
+    scenario_of,
+    truths_of,
+    with_truth,
 )
+from pilotid.study.table import METHODS, SCENARIOS, Comparison, Entry, Fit, Store
 from pilotid.support.disk import make_folder
 from pilotid.support.numbers import DEFAULT_SEED
+from pilotid.support.store import Key
 from pilotid.support.types import InputError
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
 
 UNANSWERED = "no answer came"
 LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
@@ -57,9 +55,7 @@ def about_this(seed: int) -> dict[str, str]:
     }
 
 
-def method_entry(
-    method: Method, position: int = 0, typed: str = "", label: str = ""
-) -> MethodEntry:
+def method_entry(method: Method, position: int = 0, typed: str = "", label: str = "") -> Entry:
     """A method for the store.
 
     Parameters
@@ -78,14 +74,11 @@ def method_entry(
     place = known.index(method.name) if registered else len(known) + position
     if not typed:
         typed = own if registered else labelled(place_of(type(method)), method)
-    return MethodEntry(label or own, place, plain(method), code_digest(method), typed)
+    return Entry(label or own, place, plain(method), code_digest(method), typed)
 
 
-def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") -> ScenarioEntry:
-    """A scenario with its truth and its bounds, for the store; see `method_entry`.
-
-    The bound is that of the whole record with the remnant's spectrum known: the floor under
-    every unbiased method.  A population has neither: its replications have their own.
+def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") -> Entry:
+    """A scenario for the store; see `method_entry`.
 
     Raises
     ------
@@ -93,15 +86,19 @@ def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") ->
         If no bounds can be given, for example because the loop is unstable, or if a population
         cannot be drawn from.
     """
-    known = list(CATALOGUE)
+    known, population, remnant = list(CATALOGUE), isinstance(scenario, Population), None
     try:
         if isinstance(scenario, Population):
             model, family = ", ".join(dict.fromkeys(scenario.models)), ""
-            _try_out(scenario)
-            parameters: tuple[ParameterTruth, ...] = ()
+            # A pilot and a recording that nobody keeps, so that what cannot be is told at once.
+            rng = np.random.default_rng(0)
+            drawn = scenario.drawn(rng)
+            simulate(drawn, rng)
+            truths_of(drawn)
         else:
             model, family = scenario.model.name, scenario.family
-            parameters = truths_of(scenario)
+            truths_of(scenario)
+            remnant = round(remnant_ratio(scenario), 4)
     except InputError:
         raise
     except Exception as error:  # a scenario of the user's own may be anything
@@ -110,25 +107,12 @@ def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") ->
         ) from error
     name, about = scenario.name, scenario.description
     place = known.index(name) if name in known else len(known) + position
-    own = plain(scenario), parameters, family, code_digest(scenario)
-    return ScenarioEntry(name, place, about, model, *own, typed or name)
-
-
-def scenario_facts(scenario: Scenario) -> dict[str, str]:
-    """What a report needs besides: the remnant's share."""
-    return {f"remnant ratio {scenario.name}": f"{remnant_ratio(scenario):.4f}"}
-
-
-def _try_out(population: Population) -> None:
-    """Draw a pilot and a recording that nobody keeps, so that what cannot be is told at once."""
-    rng = np.random.default_rng(0)
-    scenario = population.drawn(rng)
-    simulate(scenario, rng)
-    truths_of(scenario)
+    own = place, plain(scenario), code_digest(scenario), typed or name
+    return Entry(name, *own, about, model, family, population, remnant)
 
 
 #: Shows results as they come: the results, and how many there will be by method.
-Bar = Callable[[Iterator[Result], Mapping[str, int]], Iterable[Result]]
+Bar = Callable[[Iterator[Fit], Mapping[str, int]], Iterable[Fit]]
 #: Scenarios and replications of each, by name of the profile.
 PROFILES: dict[str, tuple[tuple[str, ...], int]] = {
     "quick": (("nominal", "population-usual"), 25),
@@ -180,11 +164,6 @@ class Study:
         # What to type for each again.
         self._typed = [text for _, text in typed], [text for *_, text in tried]
 
-    @property
-    def size(self) -> int:
-        """Number of all fits."""
-        return len(self.pairs) * self.replications
-
     @cached_property
     def pairs(self) -> dict[tuple[str, str], tuple[AnyScenario, Method]]:
         """What is tried on what, by the scenario's name and the method's label."""
@@ -194,17 +173,12 @@ class Study:
             for label, method in zip(self.labels, self.methods, strict=True)
         }
 
-    def units(self) -> Iterator[Unit]:
-        """All fits: one recording of every scenario after the other."""
-        for replication in range(self.replications):
-            for scenario, label in self.pairs:
-                yield Unit(scenario, label, replication)
+    @property
+    def keys(self) -> list[Key]:
+        """Scenario, method and replication of all fits: one recording of each after the other."""
+        return [(*pair, number) for number in range(self.replications) for pair in self.pairs]
 
-    def holds(self, unit: Unit) -> bool:
-        """Whether a fit is one of this study."""
-        return (unit.scenario, unit.method) in self.pairs and unit.replication < self.replications
-
-    def enter(self, store: Store, *, retry: bool = False) -> Pending:
+    def enter(self, store: Store, *, retry: bool = False) -> list[Key]:
         """Describe the study in a store; returns the fits that the store lacks.
 
         Parameters
@@ -224,60 +198,51 @@ class Study:
         methods = list(map(method_entry, self.methods, count(), self._typed[1], self.labels))
         held = store.about()
         changed = [key for key in about if key in held and held[key] != about[key]]
-        changed += _changed({m.label: m for m in methods}, store.methods())
-        changed += _changed({s.name: s for s in scenarios}, {s.name: s for s in store.scenarios()})
+        for new, old in ((methods, store.entries(METHODS)), (scenarios, store.entries(SCENARIOS))):
+            changed += [
+                e.name
+                for e in new
+                if (known := old.get(e.name))
+                and (known.settings, known.code) != (e.settings, e.code)
+            ]
         if changed:
             raise InputError(
                 f"{store.path}: holds results of other code or settings (different: "
                 f"{', '.join(changed)}); name another folder with --out"
             )
         store.describe(about)
-        for scenario, entry in zip(self.scenarios, scenarios, strict=True):
-            store.add_scenario(entry)
-            if isinstance(scenario, Scenario):
-                store.describe(scenario_facts(scenario))
-        for method in methods:
-            store.add_method(method)
-        fits = store.done()
-        if retry:
-            lost = {outcome.slug for outcome in OUTSIDE}
-            again = [u for u, end in fits.items() if end in lost and self.holds(u)]
-            store.forget(again)
-            fits = store.done()
-        return Pending(self, frozenset(fits))
+        store.enter(scenarios, methods)
+        done = {fit.key: fit.outcome for fit in store.fits()}
+        lost = {outcome.slug for outcome in OUTSIDE} if retry else set()
+        pending = [key for key in self.keys if done.get(key) in {None, *lost}]
+        store.drop(key for key in pending if key in done)
+        return pending
 
     def run(
         self,
         store: Store,
-        pending: Iterable[Unit],
+        pending: Sequence[Key],
         workers: int | None = None,
         scheduler: str | None = None,
         time_limit: float | None = TIME_LIMIT,
-    ) -> Iterator[Result]:
+    ) -> Iterator[Fit]:
         """Fit what is pending; each result is in the store before it comes out.
 
         A fit that nobody answered, or for which an answer to another came, is one that failed.
         """
-        answered: set[Unit] = set()
+        answered: set[Key] = set()
         tasks = self.tasks(pending)
         answers = run_tasks(run_task, tasks, given_up, workers, scheduler, time_limit)
-        lost = (u for u in pending if u not in answered)
-        for found in chain(answers, (Result(u, Outcome.DIED.slug, UNANSWERED) for u in lost)):
-            answered.add(found.unit)
-            result = self._with_draw(found)
-            store.add(result)
-            yield result
-
-    def _with_draw(self, result: Result) -> Result:
-        """A fit whose process died could not say which pilot a population drew for it."""
-        origin = next(s for s in self.scenarios if s.name == result.unit.scenario)
-        if result.draw is not None or not isinstance(origin, Population):
-            return result
-        try:
-            _, draw = scenario_of(origin, self.seed, result.unit.replication)
-        except InputError:  # of this pilot no bounds can be given
-            return result
-        return replace(result, draw=draw)
+        lost = (key for key in pending if key not in answered)
+        for found in chain(answers, (Fit(*key, Outcome.DIED.slug, UNANSWERED) for key in lost)):
+            answered.add(found.key)
+            fit = found
+            if not fit.estimates:
+                origin, _ = self.pairs[fit.scenario, fit.method]
+                with suppress(InputError):  # of this pilot no bounds can be given
+                    fit = with_truth(fit, scenario_of(origin, self.seed, fit.replication))
+            store.add(fit)
+            yield fit
 
     def run_in(
         self, folder: Path, workers: int | None = None, bar: Bar = lambda results, _: results
@@ -296,16 +261,11 @@ class Study:
         make_folder(folder)
         with Store(folder, create=True) as store:
             pending = self.enter(store)
-            for _ in bar(self.run(store, pending, workers), pending.counts):
+            for _ in bar(self.run(store, pending, workers), counts_of(pending)):
                 pass
-            return comparison_of(store)
+            return store.comparison()
 
-    def to_dataframe(self, folder: Path) -> DataFrame:
-        """All estimates that a folder's store holds, as `Comparison.to_dataframe` has them."""
-        with Store(folder) as store:
-            return comparison_of(store).to_dataframe()
-
-    def tasks(self, units: Iterable[Unit]) -> Iterator[Task]:
+    def tasks(self, keys: Iterable[Key]) -> Iterator[Task]:
         """Fits as they cross to other processes.
 
         Raises
@@ -317,32 +277,13 @@ class Study:
             pair: _content(scenario, method, pair[1])
             for pair, (scenario, method) in self.pairs.items()
         }
-        for unit in units:
-            yield Task(unit, self.seed, contents[unit.scenario, unit.method])
+        for key in keys:
+            yield Task(key, self.seed, contents[key[:2]])
 
 
-@dataclass(frozen=True)
-class Pending:
-    """The fits of a study that its store lacks; they may be more than any list can hold."""
-
-    study: Study
-    done: frozenset[Unit]
-
-    def __iter__(self) -> Iterator[Unit]:
-        return (unit for unit in self.study.units() if unit not in self.done)
-
-    @cached_property
-    def counts(self) -> dict[str, int]:
-        """How many there are of each method."""
-        study = self.study
-        tried = Counter(label for _, label in study.pairs)
-        held = Counter(unit.method for unit in self.done if study.holds(unit))
-        return {label: n * study.replications - held[label] for label, n in tried.items()}
-
-    @property
-    def total(self) -> int:
-        """How many there are."""
-        return sum(self.counts.values())
+def counts_of(pending: Iterable[Key]) -> dict[str, int]:
+    """How many fits there are of each method."""
+    return dict(Counter(method for _, method, _ in pending))
 
 
 def labelled_method(given: Method | str) -> tuple[str, Method, str]:
@@ -375,17 +316,6 @@ def _require_different(what: str, names: Sequence[str]) -> None:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"two of the {what} are called '{twice}'; leave one out or rename it")
-
-
-def _changed(
-    new: Mapping[str, MethodEntry | ScenarioEntry], old: Mapping[str, MethodEntry | ScenarioEntry]
-) -> list[str]:
-    """Names of what is known already, but with other settings or from other code."""
-    return [
-        name
-        for name, entry in new.items()
-        if name in old and (entry.settings, entry.code) != (old[name].settings, old[name].code)
-    ]
 
 
 def _content(scenario: AnyScenario, method: Method, label: str) -> bytes:

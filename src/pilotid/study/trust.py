@@ -23,10 +23,10 @@ from pilotid.methods import label_of, method_named, methods
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.study.comparison import Comparison, MethodResults
 from pilotid.study.judge import judge
 from pilotid.study.scores import Mean
 from pilotid.study.study import Bar, Study
+from pilotid.study.table import Comparison
 from pilotid.support.disk import make_folder, strict_json, write_file
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.types import FloatArray, InputError
@@ -190,7 +190,7 @@ class Trial:
         tried = self.methods or list(methods().values())
         study = Study([scenario], tried, replications, seed)
         found = Trust(self, study.run_in(folder, workers, bar))
-        found.comparison.write_tables(folder)
+        found.comparison.write(folder)
         write_file(path, strict_json({**found.to_dict(), **held}).encode())
         return found
 
@@ -210,33 +210,38 @@ class Trust:
     trial: Trial
     comparison: Comparison
 
-    @property
-    def cells(self) -> list[MethodResults]:
-        """What each method did on the simulations."""
-        return self.comparison.of(self.trial.scenario.name)
-
     @cached_property
     def parameters(self) -> tuple[Trusted, ...]:
         """What the simulations say of each parameter of the fit."""
-        cell = self.comparison.at(self.trial.scenario.name, self.trial.label)
-        if cell is None:
+        own = self.trial.scenario.name, self.trial.label
+        fits, scores = self.comparison.cell(*own), self.comparison.scored(*own)
+        if not len(scores):
             return ()
-        known, (lower, upper), good = cell.numbers, cell.intervals, cell.counted
         found = []
-        for quantity, score in zip(self.trial.estimate.parameters, cell.scores[1:], strict=True):
-            i = cell.keys.index(quantity.key)
-            factor = length_factor(
-                known.value[good, i], lower[good, i], upper[good, i], score.truth
-            )
-            low = quantity.value - factor * (quantity.value - quantity.lower)
-            high = quantity.value + factor * (quantity.upper - quantity.value)
+        rows = list(scores.itertuples())[1:]
+        for i, (q, row) in enumerate(zip(self.trial.estimate.parameters, rows, strict=True)):
+            good = fits[fits.usable & (fits.parameter == q.key)]
+            value, *ends = (good[name].to_numpy() for name in ("value", "low", "high"))
+            factor = length_factor(value, ends[0], ends[1], row.truth)
+            low = q.value - factor * (q.value - q.lower)
+            high = q.value + factor * (q.upper - q.value)
             if math.isfinite(factor):  # no end lies outside the bounds of the search
                 model = self.trial.estimate.model
                 low, high = max(low, model.lower[i]), min(high, model.upper[i])
-            ends = (quantity.lower, quantity.upper), (low, high)
-            covered = score.coverage.value, score.coverage_interval
-            own = quantity.key, quantity.unit, quantity.value, *ends, score.bias, score.z, *covered
-            found.append(Trusted(*own, factor))
+            found.append(
+                Trusted(
+                    q.key,
+                    q.unit,
+                    q.value,
+                    (q.lower, q.upper),
+                    (low, high),
+                    Mean(row.bias, row.bias_se),
+                    Mean(row.mean_z, row.mean_z_se),
+                    row.coverage_95,
+                    (row.coverage_lower, row.coverage_upper),
+                    factor,
+                )
+            )
         return tuple(found)
 
     @property
@@ -259,16 +264,16 @@ class Trust:
             "recording": self.trial.recording,
             "model": self.trial.estimate.model.name,
             "method": self.trial.label,
-            "replications": self.comparison.replications([self.trial.scenario.name]),
+            "replications": self.comparison.replications(self.trial.scenario.name),
             "parameters": {p.parameter: asdict(p) for p in self.parameters},
             "methods": {
-                cell.method: {
-                    "loss": cell.overall.loss.value,
-                    "loss_95": [cell.overall.loss.lower, cell.overall.loss.upper],
-                    "coverage": cell.overall.coverage.value,
-                    "verdict": judge(cell.scores).words,
+                row.method: {
+                    "loss": row.loss,
+                    "loss_95": [row.loss_lower, row.loss_upper],
+                    "coverage": row.coverage_95,
+                    "verdict": judge(self.comparison.scored(row.scenario, row.method)).words,
                 }
-                for cell in self.cells
+                for row in self.comparison.of(self.trial.scenario.name).itertuples()
             },
             "sentences": self.sentences,
             "unknown": UNKNOWN,

@@ -111,7 +111,7 @@ def table_bytes(head: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(head)
-    writer.writerows([[_cell(cell) for cell in row] for row in rows])
+    writer.writerows([_cell(cell) for cell in row] for row in rows)
     return text.getvalue().encode()
 
 

@@ -7,10 +7,11 @@ cut or a full disk cost the fits under way, and the same command goes on.
 from __future__ import annotations
 
 import json
+import math
+import os
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Self
@@ -24,10 +25,7 @@ SCHEMA = (
 )
 KEY = "scenario = ? AND method = ? AND replication = ?"
 PATIENCE = 60.0  # seconds to wait for another process
-LARGEST_ROW = 2**26  # bytes
-# Primary result codes, which are the low byte of what SQLite says.
-DAMAGED = (11, 26)  # malformed, no database
-READ_ONLY = (3, 8, 14)  # no permission, read-only, cannot be opened
+DAMAGED = (11, 26)  # SQLite's primary result codes: malformed, no database
 
 #: Scenario, method and replication.
 Key = tuple[str, str, int]
@@ -64,13 +62,11 @@ class Rows:
             raise InputError(
                 f"{self.path}: there is no such file; name a folder that `pilotid compare` wrote"
             )
+        mode = "rwc" if create else "rw"
+        if not create and not os.access(folder, os.W_OK):  # a medium that cannot be written
+            mode = f"ro&immutable={int(not Path(f'{self.path}-wal').exists())}"
         with self._in_words():
-            try:
-                self._base = self._opened("rwc" if create else "rw")
-            except sqlite3.OperationalError as error:
-                if create or _code(error) not in READ_ONLY or Path(f"{self.path}-wal").exists():
-                    raise
-                self._base = self._opened("ro&immutable=1")
+            self._base = self._opened(mode)
 
     def close(self) -> None:
         """Close the file, which then holds everything."""
@@ -82,10 +78,9 @@ class Rows:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def put(self, key: Key, thing: object, *, again: bool = False) -> None:
-        """Keep a thing; what is known already stays as it is, unless it is put again."""
-        content = asdict(thing) if is_dataclass(thing) and not isinstance(thing, type) else thing
-        text = json.dumps(content)  # an analysis holds numbers that are not known
+    def put(self, key: Key, thing: Mapping[str, Any], *, again: bool = False) -> None:
+        """Keep a thing of JSON; what is known already stays as it is, unless it is put again."""
+        text = json.dumps(thing)  # an analysis holds numbers that are not known
         how = "REPLACE" if again else "IGNORE"
         with self._in_words():
             self._base.execute(f"INSERT OR {how} INTO rows VALUES (?, ?, ?, ?)", (*key, text))
@@ -115,7 +110,8 @@ class Rows:
         try:
             yield
         except (sqlite3.Error, UnicodeError, OSError) as error:
-            if _code(error) in DAMAGED or isinstance(error, UnicodeDecodeError):
+            code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+            if code in DAMAGED or isinstance(error, UnicodeDecodeError):
                 raise damaged(self.path, error) from error
             raise InputError(
                 f"{self.path}: cannot be read or written ({error}); check the folder, its rights "
@@ -129,7 +125,6 @@ class Rows:
         """
         place, create = f"{self.path.resolve().as_uri()}?mode={mode}", mode == "rwc"
         base = sqlite3.connect(place, uri=True, isolation_level=None, timeout=PATIENCE)
-        base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_ROW)
         query = "SELECT sql, user_version FROM sqlite_master, pragma_user_version WHERE sql != ''"
         try:
             held = base.execute(query).fetchall()
@@ -154,17 +149,17 @@ class Rows:
         return base
 
 
+def number(value: float) -> float | None:
+    """A number for a store, None where it is none."""
+    return float(value) if math.isfinite(value) else None
+
+
 def damaged(path: Path, why: object) -> InputError:
     """What to raise where a store is damaged."""
     return InputError(
         f"{path}: is damaged ({one_line(str(why))}); `sqlite3 {STORE} .recover | sqlite3 "
         "new.sqlite` saves what is whole in a new file"
     )
-
-
-def _code(error: Exception) -> int:
-    """SQLite's primary result code, 0 if the error is not SQLite's own."""
-    return int(getattr(error, "sqlite_errorcode", 0)) & 0xFF
 
 
 @cache

@@ -27,6 +27,8 @@ def printable(text: str) -> str:
     These are control characters, line breaks, marks of direction and lone surrogates: a file's
     name may hold them all.
     """
+    if text.isprintable():
+        return text
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text
     )

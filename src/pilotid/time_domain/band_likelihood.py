@@ -33,7 +33,15 @@ from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of, periodogram, running_median
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 from pilotid.time_domain.prepare import FAR
-from pilotid.time_domain.settings import BAND
+
+#: Share of the Nyquist frequency up to which bins count: above, the filter that all signals pass
+#: falls off.
+TOP_SHARE = 0.8
+#: Weight of uncounted bins in the remnant's model; coverage is the same from .02 to 1 (populations
+#: usual and exotic).
+OUTSIDE_WEIGHT = 0.1
+#: Weights below this are none.
+MIN_WEIGHT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +75,9 @@ class Weighting:
     @property
     def answers_at_once(self) -> bool:
         """Whether the loop does not fall off above the band, and tells of the pilot there."""
-        edge = BAND.top_share * float(self.omega[-1])
+        edge = TOP_SHARE * float(self.omega[-1])
         gain = np.abs(self.element.response(np.array([edge, 2.0 * edge])))
-        return bool(gain[1] >= BAND.at_once_ratio * gain[0])
+        return bool(gain[1] >= 0.7 * gain[0])  # 1 of a gain, .5 of an integrator
 
     def terms(self, dt: float, scored: int, runs: int, poles: tuple[float, ...]) -> BandTerms:
         """The weights of the bins of a window.
@@ -85,8 +93,8 @@ class Weighting:
         """
         omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, dt)[1:], dtype=float)
         weights = self.weights(omega)
-        weights[weights < BAND.min_weight] = 0.0
-        outside = BAND.outside_weight * (1.0 - weights)
+        weights[weights < MIN_WEIGHT] = 0.0
+        outside = OUTSIDE_WEIGHT * (1.0 - weights)
         control = np.interp(omega, self.omega, self.control)
         begins = group_begins(omega)
         middle = np.add.reduceat(omega, begins) / np.diff([*begins, omega.size])
@@ -189,14 +197,11 @@ class BandTerms:
         found *= np.sqrt(2.0 * self.weights / samples)
         return found.view(float)
 
-    def filtered(self, rows: FloatArray, power: float = 1.0) -> FloatArray:
-        """Rows (..., samples) filtered by the weights to a power.
-
-        With 1 their products with rows are weighted, with 1/2 those with one another.
-        """
+    def filtered(self, rows: FloatArray) -> FloatArray:
+        """Rows (..., samples) filtered by the weights: their products with rows are weighted."""
         spectra = np.fft.rfft(rows)
-        spectra[..., 0] *= (2.0 * self.weights[0]) ** power
-        spectra[..., 1 : self.weights.size] *= self.weights[1:] ** power
+        spectra[..., 0] *= 2.0 * self.weights[0]
+        spectra[..., 1 : self.weights.size] *= self.weights[1:]
         spectra[..., self.weights.size :] = 0.0
         return np.asarray(np.fft.irfft(spectra, n=rows.shape[-1]))
 
@@ -291,9 +296,7 @@ class BandTerms:
         information *= (share * variance)[:, None, None]
         # Far from the optimum it may take more than the squares have: then it is left out.
         own = np.diagonal(products, axis1=1, axis2=2)[:, :-1]
-        unsound = (
-            np.diagonal(information, axis1=1, axis2=2) < (BAND.min_information_share - 1.0) * own
-        ).any(axis=1)
+        unsound = (np.diagonal(information, axis1=1, axis2=2) < (0.02 - 1.0) * own).any(axis=1)
         information[unsound] = 0.0
         found = products.copy()
         found[:, :-1, :-1] += information
@@ -301,7 +304,7 @@ class BandTerms:
         found[:, -1, :-1] -= slope
         found[:, :-1, -1] -= slope
         found *= np.exp(2.0 * term / size)[:, None, None]
-        found[~self.are_stable(loop[:, -1])] *= BAND.unstable_factor
+        found[~self.are_stable(loop[:, -1])] *= 1e3  # beyond all others
         return np.asarray(found)
 
 
@@ -326,7 +329,7 @@ def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[Floa
     taps[:, 1:] = -np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])[..., 0]
     shifts = terms.shifts[: 2 * order + 1]
     sums = np.add.outer(np.arange(1, order + 1), np.arange(1, order + 1))
-    for _ in range(BAND.newton_steps):
+    for _ in range(4):
         along = (products @ taps[..., None])[..., 0]
         squares = np.vecdot(along, taps)
         inverse = 1.0 / (taps @ shifts[: order + 1])
@@ -343,8 +346,8 @@ def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[Floa
 
 def group_begins(
     omega: FloatArray,
-    share: float = BAND.group_share,
-    widest: float = BAND.max_group_width,
+    share: float = 1.0 / 30.0,
+    widest: float = 0.25,
     first: int = 0,
 ) -> list[int]:
     """First bins of the groups of bins at `omega` [rad/s].
@@ -393,9 +396,10 @@ def weighting_of(
     inputs = (channel.on for channel in model.channels)
     share = floors.share(tuple(dict.fromkeys((*inputs, *others))))[inside]
     power = np.interp(omega, *running_median(*periodogram(control, dt))) * nyquist
-    share = np.where(omega <= min(BAND.top_share * nyquist, band_end(recording)), share, 0.0)
-    share[share < BAND.min_weight] = 0.0
-    hidden = float(np.mean(share)) * control.shape[1] / 2.0 < BAND.min_bins
+    share = np.where(omega <= min(TOP_SHARE * nyquist, band_end(recording)), share, 0.0)
+    share[share < MIN_WEIGHT] = 0.0
+    # Three bins for each of seven parameters.
+    hidden = float(np.mean(share)) * control.shape[1] / 2.0 < 20.0
     if hidden:
-        share = np.where(omega <= BAND.top_share * nyquist, 1.0, 0.0)
+        share = np.where(omega <= TOP_SHARE * nyquist, 1.0, 0.0)
     return Weighting(omega, share, power, element, unknown, hidden)

@@ -34,9 +34,8 @@ from pilotid.time_domain.constancy import (
     scores_of,
 )
 from pilotid.time_domain.instruments import specification_by_instruments
-from pilotid.time_domain.likelihood import PredictionErrors
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.optimum import Optimum
-from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import (
     Band,
@@ -46,7 +45,7 @@ from pilotid.time_domain.prepare import (
     prediction_error_filters,
     prepare,
 )
-from pilotid.time_domain.remnant_models import best_noise_model
+from pilotid.time_domain.remnant_models import Whitener, best_noise_model
 
 USUAL_BAND = 50.0  # rad/s, the analysis band where the method has no model of the remnant
 
@@ -96,7 +95,7 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
     band = analysis_band(recording.dt, USUAL_BAND) if remnant is None else _band(recording, remnant)
     rate = None if band.factor == 1 else math.pi / band.dt
     prediction = predict(recording, estimate.model, rate)
-    residual = OutputErrors(prediction).residual(estimate.values)
+    residual = prediction.errors(estimate.values)
     if remnant is not None:
         density = np.interp(band.omega, remnant.omega, remnant.density)
         name, taps = remnant.model, prediction_error_filters((density @ band.cosines)[None])[0]
@@ -149,7 +148,7 @@ def correlations(errors: FloatArray, signal: FloatArray, lags: range) -> FloatAr
     return np.array(found) / scale
 
 
-def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, FloatArray]:
+def drift_left(joint: Likelihood, values: FloatArray) -> tuple[float, FloatArray]:
     """How well a straight line in the control of each run would be seen, beside the pilot.
 
     A fit takes a drift for slow remnant, and under that remnant it is hardly to be seen.  So the
@@ -176,7 +175,7 @@ def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, Floa
     residual = prediction.without_nuisance(prediction.residual(pilot))
     flat = residual - np.outer(residual @ line, line) / (line @ line)
     taps = best_noise_model(flat, band).whitener(band)
-    rows = prediction.without_nuisance(prediction.rows(pilot[None], taps))[0]
+    rows = Likelihood(prediction, Whitener(taps)).rows(pilot[None])[0]
     *jacobian, errors = rows.reshape(len(rows), -1)
     own = np.array([column / (np.linalg.norm(column) or 1.0) for column in jacobian])
     # What the pilot explains comes first; a line in each run then explains of the rest what it

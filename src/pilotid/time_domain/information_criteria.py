@@ -23,9 +23,9 @@ from pilotid.solve.least_squares import minimise
 from pilotid.support.numbers import fit_rng
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.constancy import Constancy, constancy
-from pilotid.time_domain.likelihood import PredictionErrors
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.optimum import Optimum
-from pilotid.time_domain.output_error import OutputErrors, simulated_vaf
+from pilotid.time_domain.output_error import simulated_vaf
 from pilotid.time_domain.search import maxima_from, maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings
 
@@ -136,14 +136,14 @@ def _with_terms(found: Optimum, terms: tuple[float, ...]) -> Optimum:
     if joint.prediction.terms == terms:
         return found
     prediction = replace(joint.prediction, terms=terms)
-    changed = replace(found, joint=PredictionErrors(prediction, joint.noise, joint.band))
+    changed = replace(found, joint=Likelihood(prediction, joint.noise))
     return changed.moved(found.end.values[0])
 
 
 def _evidence(recording: Recording, found: Optimum, scored: int, seed: int) -> Evidence:
     values = found.end.values[0]
     prediction = replace(found.joint.prediction, scored=scored)
-    joint = PredictionErrors(prediction, found.joint.noise, found.joint.band)
+    joint = Likelihood(prediction, found.joint.noise)
     model, pilot = prediction.model, values[: joint.pilot]
     left = [_left_out(joint, values, run) for run in range(prediction.runs)]
     alone = prediction.runs == 1
@@ -162,21 +162,18 @@ def _evidence(recording: Recording, found: Optimum, scored: int, seed: int) -> E
     )
 
 
-def _left_out(joint: PredictionErrors, values: FloatArray, run: int) -> tuple[float, float]:
+def _left_out(joint: Likelihood, values: FloatArray, run: int) -> tuple[float, float]:
     """Log-likelihood and VAF [%] of a run under what the others say."""
     prediction = joint.prediction
     if prediction.runs == 1:
         return math.nan, math.nan
-    others = PredictionErrors(
-        prediction.of_runs([r for r in range(prediction.runs) if r != run]),
-        joint.noise,
-        joint.band,
-    )
+    rest = [r for r in range(prediction.runs) if r != run]
+    others = Likelihood(prediction.of_runs(rest), joint.noise)
     end = minimise(others.gram, values[None], others, tolerance=TOLERANCE, iterations=STEPS)
     variance = float(end.cost[0]) / others.scaling(end.values[0])
     variance /= others.residuals - len(values)
-    alone = PredictionErrors(prediction.of_runs([run]), joint.noise, joint.band)
+    alone = Likelihood(prediction.of_runs([run]), joint.noise)
     likelihood = alone.log_likelihood(end.values[0], variance)
-    residual = OutputErrors(alone.prediction).residual(end.values[0, : joint.pilot])
+    residual = alone.prediction.errors(end.values[0, : joint.pilot])
     share = float(np.var(residual)) / float(np.var(alone.prediction.control))
     return likelihood, 100.0 * max(0.0, 1.0 - share)

@@ -18,9 +18,11 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Problem
 from pilotid.support.types import FloatArray
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import fast_length
+from pilotid.time_domain.remnant_models import Whitener
 
 #: Seconds of zeros behind a recording, in which the loop comes to rest.
 REST = 30.0
@@ -68,27 +70,28 @@ class Moments(Problem):
     """
 
     def __init__(self, found: Optimum, reference: Recording, values: FloatArray) -> None:
-        self._prediction = found.joint.prediction
-        self._taps = found.joint.whitener(found.end.values[0])
-        rate = None if found.joint.band.factor == 1 else np.pi / self._prediction.dt
-        other = predict(reference, self._prediction.model, rate)
-        jacobian = other.rows(found.pilot[None], self._taps)[0, :-1]
-        self._instruments = self._weighed(self._prediction.without_nuisance(jacobian))
+        self._prediction = prediction = found.joint.prediction
+        self._taps, whitener = found.whitener, Whitener(found.whitener)
+        self._whitened = Likelihood(replace(prediction, terms=()), whitener)
+        rate = None if prediction.band.factor == 1 else np.pi / prediction.dt
+        other = replace(predict(reference, prediction.model, rate), terms=prediction.terms)
+        self._instruments = self._weighed(Likelihood(other, whitener).rows(found.pilot[None]))[
+            0, :-1
+        ]
         self.weigh_at(values)
 
     def weigh_at(self, values: FloatArray) -> None:
         """Standardise the moments by the power that the prediction errors of these values have."""
-        errors = self._prediction.rows(values[None], self._taps)[0, -1:]
-        parts = self._weighed(self._prediction.without_nuisance(errors)).reshape(-1, 2)
+        errors = self._prediction.errors(values, self._taps)
+        parts = self._weighed(errors[None, None]).reshape(-1, 2)
         power = np.pad(np.mean(parts**2, axis=1), SMOOTHED // 2, mode="reflect")
         smooth = np.convolve(power, np.ones(SMOOTHED) / SMOOTHED, "valid")
         scatter = (self._instruments * np.repeat(smooth, 2)) @ self._instruments.T
-        self._whitener = np.linalg.inv(np.linalg.cholesky(scatter))
+        self._standard = np.linalg.inv(np.linalg.cholesky(scatter))
 
     def _weighed(self, rows: FloatArray) -> FloatArray:
-        """Rows (n, runs, samples) as real numbers whose products are weighted, shape (n, m)."""
-        weighed = self._prediction.weighed(rows)
-        return weighed.reshape(len(rows), -1)
+        """Rows (sets, n, runs, samples) as numbers whose products are weighted, (sets, n, m)."""
+        return self._prediction.weighed(rows).reshape(*rows.shape[:2], -1)
 
     @property
     def residuals(self) -> int:
@@ -97,10 +100,8 @@ class Moments(Problem):
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Jacobian and below it the moments, shape (sets, parameters + 1, parameters)."""
-        rows = self._prediction.rows(values, self._taps)
-        weighed = self._weighed(rows.reshape(-1, *rows.shape[2:]))
-        products = weighed.reshape(*rows.shape[:2], -1) @ self._instruments.T
-        return np.asarray(products @ self._whitener.T)
+        products = self._weighed(self._whitened.rows(values)) @ self._instruments.T
+        return np.asarray(products @ self._standard.T)
 
 
 def specification_by_instruments(

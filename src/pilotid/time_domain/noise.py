@@ -8,22 +8,20 @@ and the choice is made again.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 
-from pilotid.solve.least_squares import Minima, minimise, resume
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import PredictionErrors, binned, for_search, is_large
-from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain.likelihood import Likelihood
+from pilotid.time_domain.optimum import Candidates, Optimum, descended
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prepare import Band
 from pilotid.time_domain.remnant_models import (
     BandPass,
     Guess,
     NoiseModel,
-    criterion,
     guesses,
     lagged_products,
     neighbours,
@@ -42,91 +40,16 @@ def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
     products, samples, band
         See `pilotid.time_domain.remnant_models.guesses`.
     """
-    scored = guesses(products, samples, band)
-    filters = [each for each in scored if not each[1].model.regressive]
-    best = [_lowest(filters), _lowest([each for each in scored if each[1].model.regressive])]
-    if isinstance(best[0][1].model, BandPass):
-        best.append(_lowest([each for each in filters if not isinstance(each[1].model, BandPass)]))
-    best.sort(key=_score)
-    return [guess for score, guess in best if score < best[0][0] + SEARCH.contender_criterion]
+    scored = sorted(guesses(products, samples, band), key=_criterion)
+    filters = [each for each in scored if not each.model.regressive]
+    best = [filters[0], next(each for each in scored if each.model.regressive)]
+    if isinstance(filters[0].model, BandPass):
+        best.append(next(each for each in filters if not isinstance(each.model, BandPass)))
+    limit = scored[0].criterion + SEARCH.contender_criterion
+    return [each for each in sorted(best, key=_criterion) if each.criterion < limit]
 
 
-def _score(scored: tuple[float, Guess]) -> float:
-    return scored[0]
-
-
-def _lowest(scored: Sequence[tuple[float, Guess]]) -> tuple[float, Guess]:
-    return min(scored, key=_score)
-
-
-@dataclass(frozen=True, eq=False)
-class JointFit:
-    """The optimum of pilot and remnant with one model of the remnant.
-
-    Attributes
-    ----------
-    joint
-        The problem: prediction, model of the remnant, analysis band.
-    end
-        Its optimum, whose first entry counts.
-    """
-
-    joint: PredictionErrors
-    end: Minima
-
-    @property
-    def values(self) -> FloatArray:
-        """Parameters of pilot and remnant, shape (parameters,)."""
-        return np.asarray(self.end.values[0])
-
-    @property
-    def pilot(self) -> FloatArray:
-        """The pilot's parameters, shape (parameters,)."""
-        return self.values[: self.joint.pilot]
-
-    @property
-    def criterion(self) -> float:
-        """The criterion that chooses the remnant's model, of pilot and remnant together."""
-        joint = self.joint
-        power = float(self.end.cost[0]) / joint.residuals
-        penalty = SEARCH.band_pass_penalty if isinstance(joint.noise, BandPass) else 0.0
-        return criterion(joint.noise, power, joint.residuals, joint.pilot) + penalty
-
-    @property
-    def short(self) -> float:
-        """Possible further decrease of the criterion of a fit that is only compared."""
-        return SEARCH.steps_ahead * SEARCH.compared_tolerance * self.joint.residuals
-
-    def is_near(self, pilot: FloatArray) -> bool:
-        """Whether a pilot, shape (parameters,), differs by no more than its errors."""
-        return self.end.apart(pilot, self.joint.residuals) <= SEARCH.same_optimum_distance
-
-    def refined(self, tolerance: float = SEARCH.reported_tolerance) -> Self:
-        """The same to another tolerance, or to that of what is compared as in `descended`."""
-        joint, end = self.joint, self.end
-        compared = SEARCH.compared_tolerance
-        if tolerance < compared and joint.exact is not joint:
-            joint = joint.exact
-            end = minimise(joint.gram, end.values[:1], joint, tolerance=tolerance)
-        else:
-            end = resume(joint.gram, end, joint, tolerance=tolerance)
-        if tolerance < compared and not end.converged[0]:
-            end = resume(joint.gram, end, joint, tolerance=compared)
-        return replace(self, joint=joint, end=end)
-
-
-def descended(
-    joint: PredictionErrors, starts: FloatArray, tolerance: float = SEARCH.reported_tolerance
-) -> Minima:
-    """The best optimum that starts lead to, shape (starts, parameters), to a tolerance.
-
-    Along a flat valley the search creeps; where it got is then good enough if the tolerance of
-    what is compared is met.
-    """
-    end = minimise(joint.gram, starts, joint, tolerance=tolerance)
-    if end.converged[0]:
-        return end
-    return resume(joint.gram, end, joint, tolerance=max(tolerance, SEARCH.compared_tolerance))
+_criterion = attrgetter("criterion")
 
 
 class RemnantChoice:
@@ -138,110 +61,89 @@ class RemnantChoice:
 
     Parameters
     ----------
-    prediction, band
-        The prepared prediction, and the analysis band that it was prepared in.
+    prediction
+        The prepared prediction.
     pilot
         Where to begin, shape (parameters,).
     noise
         The remnant's model if it is not to be chosen.
-    coarse
-        The prediction with binned spectra, if that is there already.
+    check
+        Which parameters simulate the control.
     """
 
     def __init__(
         self,
         prediction: Prediction,
-        band: Band,
         pilot: FloatArray,
         noise: NoiseModel | None,
-        coarse: Prediction | None = None,
+        check: Candidates | None = None,
     ) -> None:
-        self.prediction, self.band, self.noise = prediction, band, noise
-        # For all models once, and only where a search wants it.
-        if coarse is None and is_large(prediction):
-            coarse = binned(prediction)
-        self.coarse = coarse
+        self.prediction, self.noise, self.check = prediction, noise, check
         self.pilot = self._first = pilot
         self.iterations = 0
-        self._fits: dict[NoiseModel, tuple[JointFit, float]] = {}
+        self._fits: dict[NoiseModel, tuple[Optimum, float]] = {}
 
-    def look(self) -> JointFit:
+    def look(self) -> Optimum:
         """A first look: the model that suits what the pilot leaves, roughly fitted."""
-        return self._chosen(SEARCH.look_tolerance)
+        return self._moved(self._best_of(None, 1e-3))
 
-    def best(self, rounds: int) -> JointFit:
+    def best(self, rounds: int) -> Optimum:
         """The best of all, as exactly as is needed to compare them.
 
         Its model is chosen anew as the pilot moves, in as many rounds at most.
         """
         compared = SEARCH.compared_tolerance
-        found = self._chosen(compared)
-        if self.noise:
-            return found
-        for _ in range(rounds - 1):
-            before, found = found, self._chosen(compared)
+        found = self._moved(self._best_of(None, compared))
+        for _ in range(0 if self.noise else rounds - 1):
+            before, found = found, self._moved(self._best_of(None, compared))
             if found.joint.noise == before.joint.noise:
                 break
         # Of many long autoregressions the first that suits depends on where the search came from.
-        while others := neighbours(found.joint.noise):
-            better = self._best(self._guesses(others, self._products()), compared)
-            if abs(better.criterion - found.criterion + SEARCH.neighbour_criterion) < found.short:
+        while others := [] if self.noise else neighbours(found.joint.noise):
+            better = self._best_of(others, compared)
+            if abs(better.criterion - found.criterion + 0.1) < found.short:
                 found, better = (
                     self._to(fit, SEARCH.reported_tolerance) for fit in (found, better)
                 )
-            if not better.criterion < found.criterion - SEARCH.neighbour_criterion:
+            if not better.criterion < found.criterion - 0.1:
                 break
             found = self._moved(better)
-        return found
+        return replace(found, iterations=self.iterations)
 
-    def _chosen(self, tolerance: float) -> JointFit:
-        products = self._products()
-        if self.noise:
-            models = self._guesses([self.noise], products)
-        else:
-            models = contenders(products, self.prediction.runs * self.prediction.scored, self.band)
-        return self._moved(self._best(models, tolerance))
-
-    def _guesses(self, models: Sequence[NoiseModel], products: FloatArray) -> list[Guess]:
-        return [Guess(model, model.guess(products, self.band)[0]) for model in models]
-
-    def _moved(self, fit: JointFit) -> JointFit:
+    def _moved(self, fit: Optimum) -> Optimum:
         self.pilot = fit.pilot
         return fit
 
-    def _products(self) -> FloatArray:
-        """Lagged products of what the pilot leaves."""
-        return lagged_products(OutputErrors(self.prediction).residual(self.pilot))
-
-    def _best(self, models: Sequence[Guess], tolerance: float) -> JointFit:
-        """The best of some models, each with the pilot that goes with it."""
-        fits = [self._fitted(guess, tolerance) for guess in models]
+    def _best_of(self, models: Sequence[NoiseModel] | None, tolerance: float) -> Optimum:
+        """The best of some models, each with the pilot that goes with it; None for contenders."""
+        prediction = self.prediction
+        products = lagged_products(prediction.errors(self.pilot))
+        suited = products, prediction.runs * prediction.scored, prediction.band
+        models = [self.noise] if self.noise else models
+        every = contenders(*suited) if models is None else guesses(*suited, models)
+        fits = [self._fitted(guess, tolerance) for guess in every]
         best = min(fits, key=_criterion)
         near = [fit for fit in fits if not fit.criterion > best.criterion + best.short]
         if tolerance > SEARCH.compared_tolerance or len(near) == 1:
             return best
         return min((self._to(fit, SEARCH.reported_tolerance) for fit in near), key=_criterion)
 
-    def _fitted(self, guess: Guess, tolerance: float) -> JointFit:
+    def _fitted(self, guess: Guess, tolerance: float) -> Optimum:
         """A model fitted to a tolerance, if it is not yet."""
-        model, values = guess
-        if model in self._fits:
-            return self._to(self._fits[model][0], tolerance)
-        joint = for_search(PredictionErrors(self.prediction, model, self.band), self.coarse)
+        if guess.model in self._fits:
+            return self._to(self._fits[guess.model][0], tolerance)
+        joint = Likelihood(self.prediction, guess.model, adjoint=self.prediction.is_large)
         pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
-        starts = np.array([np.concatenate([pilot, values]) for pilot in pilots])
-        return self._kept(JointFit(joint, descended(joint, starts, tolerance)), tolerance)
+        starts = np.array([np.concatenate([pilot, guess.values]) for pilot in pilots])
+        fit = Optimum(joint, descended(joint, starts, tolerance), check=self.check)
+        return self._kept(fit, tolerance)
 
-    def _to(self, fit: JointFit, tolerance: float) -> JointFit:
+    def _to(self, fit: Optimum, tolerance: float) -> Optimum:
         """A fit that was made before, to a tolerance."""
         reached = self._fits[fit.joint.noise][1]
         return fit if reached <= tolerance else self._kept(fit.refined(tolerance), tolerance)
 
-    def _kept(self, fit: JointFit, tolerance: float) -> JointFit:
+    def _kept(self, fit: Optimum, tolerance: float) -> Optimum:
         self.iterations += fit.end.iterations
         self._fits[fit.joint.noise] = fit, tolerance
         return fit
-
-
-def _criterion(fit: JointFit) -> float:
-    return fit.criterion

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 
@@ -16,16 +15,14 @@ from pilotid.pilot.loops import are_stable
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of, score_dispersion
-from pilotid.solve.least_squares import Minima
+from pilotid.solve.least_squares import Minima, minimise
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.types import BoolArray, FloatArray, IntArray
-from pilotid.time_domain.likelihood import PredictionErrors, for_search
-from pilotid.time_domain.noise import JointFit, descended
-from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import Prediction
-from pilotid.time_domain.remnant_models import remnant_estimate
-from pilotid.time_domain.settings import PROFILE, SEARCH
+from pilotid.time_domain.remnant_models import BandPass, criterion, remnant_estimate
+from pilotid.time_domain.settings import BARTLETT_SECONDS, SEARCH
 
 
 class Candidates:
@@ -45,11 +42,11 @@ class Candidates:
     """
 
     def __init__(self, coarse: Prediction, lines_pilot: FloatArray | None) -> None:
-        self._errors = OutputErrors(coarse)
-        self._pilot = len(coarse.model.parameters)
+        self._coarse = coarse
         self._total = float(np.sum(coarse.samples_of(coarse.control_spectrum) ** 2))
-        self.element = None if coarse.weighting is None else coarse.weighting.element
-        self.of_lines = 0.0 if lines_pilot is None else float(self.explained(lines_pilot)[0])
+        self.least = 0.0
+        if lines_pilot is not None:
+            self.least = SEARCH.min_vaf_ratio * float(self.explained(lines_pilot)[0])
 
     def explained(self, sets: FloatArray) -> FloatArray:
         """Share of the control that simulated responses explain, shape (sets,).
@@ -57,18 +54,19 @@ class Candidates:
         Parameters
         ----------
         sets
-            Parameters, the pilot's first, shape (sets, parameters).
+            Parameters of the pilot, shape (sets, parameters).
         """
-        left = self._errors.gram(sets[:, : self._pilot])[:, -1, -1]
-        return np.asarray(1.0 - left / self._total)
+        left = self._coarse.samples_of(self._coarse.residual_spectra(sets))
+        return np.asarray(1.0 - np.sum(left**2, axis=(1, 2)) / self._total)
 
     def __call__(self, sets: FloatArray) -> BoolArray:
         """Which parameters pass, the pilot's first, shape (sets,)."""
-        explained = self.explained(sets)
-        passed = (explained > 0.0) & (explained >= SEARCH.min_vaf_ratio * self.of_lines)
-        if self.element is not None:
-            model = self._errors.prediction.model
-            passed &= are_stable(model, sets[:, : self._pilot], self.element)
+        model, weighting = self._coarse.model, self._coarse.weighting
+        pilots = sets[:, : len(model.parameters)]
+        explained = self.explained(pilots)
+        passed = (explained > 0.0) & (explained >= self.least)
+        if weighting is not None:
+            passed &= are_stable(model, pilots, weighting.element)
         return np.asarray(passed)
 
     def which(self, ends: Minima) -> IntArray:
@@ -76,24 +74,21 @@ class Candidates:
         kept = self(ends.values)
         return np.flatnonzero(kept if kept.any() else ~kept)
 
-    def only(self, ends: Minima) -> Minima:
-        """The ends that pass, all if none does."""
-        which = self.which(ends)
-        return ends if len(which) == len(ends.cost) else ends.only(which)
-
 
 #: What is told of a search from one start.
 ONE_START = Starts(cost=np.ones(1), agreeing=1)
 
 
 @dataclass(frozen=True, eq=False)
-class Optimum(JointFit):
+class Optimum:
     """Where the likelihood of pilot and remnant is largest.
 
     Attributes
     ----------
-    joint, end
-        See `pilotid.time_domain.noise.JointFit`.
+    joint
+        The problem: prediction and model of the remnant.
+    end
+        Its optimum, whose first entry counts.
     starts
         Record of the search that led there.
     iterations
@@ -106,11 +101,45 @@ class Optimum(JointFit):
         Pilots of other optima that are as likely, each of shape (parameters,).
     """
 
+    joint: Likelihood
+    end: Minima
     starts: Starts = ONE_START
     iterations: int = 0
     check: Candidates | None = None
     lines_pilot: FloatArray | None = None
     competing: Sequence[FloatArray] = ()
+
+    @property
+    def values(self) -> FloatArray:
+        """Parameters of pilot and remnant, shape (parameters,)."""
+        return np.asarray(self.end.values[0])
+
+    @property
+    def pilot(self) -> FloatArray:
+        """The pilot's parameters, shape (parameters,)."""
+        return self.values[: self.joint.pilot]
+
+    @cached_property
+    def whitener(self) -> FloatArray:
+        """The filter that whitens its remnant, shape (taps,)."""
+        return self.joint.whitener(self.values)
+
+    @property
+    def criterion(self) -> float:
+        """The criterion that chooses the remnant's model, of pilot and remnant together."""
+        joint = self.joint
+        power = float(self.end.cost[0]) / joint.residuals
+        penalty = SEARCH.band_pass_penalty if isinstance(joint.noise, BandPass) else 0.0
+        return criterion(joint.noise, power, joint.residuals, joint.pilot) + penalty
+
+    @property
+    def short(self) -> float:
+        """Possible further decrease of the criterion of a fit that is only compared."""
+        return 10.0 * SEARCH.compared_tolerance * self.joint.residuals
+
+    def is_near(self, pilot: FloatArray) -> bool:
+        """Whether a pilot, shape (parameters,), differs by no more than its errors."""
+        return self.end.apart(pilot, self.joint.residuals) <= SEARCH.same_optimum_distance
 
     @property
     def is_pilot(self) -> bool:
@@ -153,7 +182,7 @@ class Optimum(JointFit):
         """Factor on variances, and on the deviance that an interval goes to."""
         prediction = self.joint.prediction
         seconds = prediction.runs * prediction.scored * prediction.dt
-        return (1.0 + PROFILE.bartlett_seconds / seconds) * self.dispersion
+        return (1.0 + BARTLETT_SECONDS / seconds) * self.dispersion
 
     @cached_property
     def element_factor(self) -> FloatArray:
@@ -213,16 +242,37 @@ class Optimum(JointFit):
         )
 
     @cached_property
-    def search(self) -> PredictionErrors:
-        """The same problem for searches from here, see `pilotid.time_domain.likelihood`."""
-        return for_search(self.joint)
+    def search(self) -> Likelihood:
+        """The same problem for searches from here, see `Prediction.is_large`."""
+        prediction = self.joint.prediction
+        return Likelihood(prediction, self.joint.noise, adjoint=prediction.is_large)
 
-    def refined(self, tolerance: float = SEARCH.reported_tolerance) -> Self:
-        """The same optimum to the tolerance of what is reported."""
-        found = super().refined(tolerance)
-        return replace(found, iterations=self.iterations + found.end.iterations)
+    def refined(self, tolerance: float = SEARCH.reported_tolerance) -> Optimum:
+        """The same to another tolerance, or to that of what is compared as in `descended`."""
+        joint, start = self.joint, self.end.only([0])
+        if tolerance < SEARCH.compared_tolerance and joint.adjoint:
+            joint = Likelihood(joint.prediction, joint.noise)
+            end = descended(joint, start.values, tolerance)
+        else:
+            end = descended(joint, start, tolerance)
+        return replace(self, joint=joint, end=end, iterations=self.iterations + end.iterations)
 
     def moved(self, start: FloatArray) -> Optimum:
         """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
         end = descended(self.joint, start[None])
         return replace(self, end=end, iterations=self.iterations + end.iterations)
+
+
+def descended(
+    joint: Likelihood, starts: FloatArray | Minima, tolerance: float = SEARCH.reported_tolerance
+) -> Minima:
+    """The best optimum that starts lead to, as in `minimise`, to a tolerance.
+
+    Along a flat valley the search creeps; where it got is then good enough if the tolerance of
+    what is compared is met.
+    """
+    end = minimise(joint.gram, starts, joint, tolerance=tolerance)
+    if end.converged[0]:
+        return end
+    tolerance = max(tolerance, SEARCH.compared_tolerance)
+    return minimise(joint.gram, end.only([0]), joint, tolerance=tolerance)

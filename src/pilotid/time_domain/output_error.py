@@ -1,9 +1,8 @@
-"""Residual and Jacobian of a prediction: the problem of output error."""
+"""Estimates under a white residual: output error."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import reduce
 from typing import Literal
 
 import numpy as np
@@ -18,88 +17,18 @@ from pilotid.estimates.estimate import (
 )
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.solve.covariance import REACH, covariance_of, sandwich, score_products
-from pilotid.solve.least_squares import Minima, Problem, minimise
-from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import chi_squared_limit
+from pilotid.solve.covariance import (
+    REACH,
+    covariance_of,
+    hessian,
+    sandwich_of,
+    score_products,
+)
+from pilotid.solve.least_squares import Minima, minimise
 from pilotid.support.remarks import Remark
-from pilotid.support.types import ComplexArray, FloatArray
+from pilotid.support.types import FloatArray
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import Prediction, predict
-
-
-class OutputErrors(Problem):
-    """Gram matrices of residual and Jacobian, nuisance terms projected out.
-
-    Parameters
-    ----------
-    prediction
-        The prepared prediction.
-    taps
-        Moving-average filter that whitens the residual, shape (taps,); None for a
-        residual that is white already.
-    """
-
-    def __init__(self, prediction: Prediction, taps: FloatArray | None = None) -> None:
-        self.prediction = prediction
-        self.taps = taps
-        self.block = prediction.block
-
-    @property
-    def residuals(self) -> int:
-        """Number of residuals, see `Prediction.samples`."""
-        return self.prediction.samples
-
-    def rows(self, values: FloatArray) -> FloatArray:
-        """Whitened Jacobian and residual, shape (sets, parameters + 1, runs, scored).
-
-        Parameters
-        ----------
-        values
-            Parameter sets, shape (sets, parameters).
-        """
-        return self.prediction.errors_of(self.prediction.row_spectra(values, self.taps))
-
-    def residual(self, values: FloatArray) -> FloatArray:
-        """Residual of one parameter set before whitening, shape (runs, scored).
-
-        Parameters
-        ----------
-        values
-            Parameters in model order, shape (parameters,).
-        """
-        return self.prediction.without_nuisance(self.prediction.residual(values))
-
-    def noticeable_terms(self, values: FloatArray) -> tuple[float, ...]:
-        """The nuisance terms that the residual of one parameter set shows.
-
-        Fitting a term that is not there costs more than its degree of freedom: in a closed
-        loop it biases the low-frequency parameters, since what is subtracted depends on
-        the future of the recording (the same effect biases autoregressive coefficients
-        when a mean is removed; Kendall 1954).  A term stays if its squared t-values, all
-        runs together, exceed what chance gives once in 14,000.  The least noticeable goes first,
-        since decays that are alike hide one another.  Those of the estimate's own slow poles
-        always stay: left out, they bias what moves the pole by many claimed errors long before
-        they are noticeable.
-        """
-        prediction = self.prediction.with_decays(values)
-        slow = prediction.terms[len(self.prediction.terms) :]
-        poles, every = prediction.terms, prediction.nuisance_terms
-        residual = self.prediction.residual(values, self.taps)
-        limit = chi_squared_limit(prediction.runs, ESTIMATE.seldom)
-        kept = list(range(len(poles)))
-        while kept:
-            terms = every[:, kept]
-            weights = np.linalg.solve(terms.T @ terms, terms.T)
-            amplitudes = residual @ weights.T
-            left = residual - amplitudes @ terms.T
-            variance = np.sum(left**2) / (left.size - amplitudes.size)
-            squares = np.sum(amplitudes**2 / np.sum(weights**2, axis=1), axis=0) / variance
-            squares[[poles[place] in slow for place in kept]] = np.inf
-            least = int(np.argmin(squares))
-            if squares[least] > limit:
-                break
-            del kept[least]
-        return tuple(poles[place] for place in kept)
 
 
 def simulated_vaf(
@@ -121,31 +50,9 @@ def simulated_vaf(
         The full-rate prediction, where the caller has it already.
     """
     prediction = (prediction or predict(recording, model)).with_decays(values)
-    left = float(np.mean(np.var(OutputErrors(prediction).residual(values), axis=1)))
+    left = float(np.mean(np.var(prediction.errors(values), axis=1)))
     spread = float(np.mean(np.var(prediction.control, axis=1)))
     return max(0.0, 100.0 * (1.0 - left / spread))
-
-
-def residual_spectra(prediction: Prediction, values: FloatArray) -> ComplexArray:
-    """Transforms of the residual u - u_hat, before whitening, shape (sets, runs, bins).
-
-    The same numbers as those of `Prediction.row_spectra`, without derivatives.
-
-    Parameters
-    ----------
-    prediction
-        The prepared prediction.
-    values
-        Parameter sets, shape (sets, parameters).
-    """
-    responses = prediction.model.moving_responses(prediction.s, values)
-    answers = [
-        response[:, None, :] * spectrum * (1.0 if varying is None else varying)
-        for response, spectrum, varying in zip(
-            responses, prediction.inputs, prediction.varying(values), strict=True
-        )
-    ]
-    return np.asarray(prediction.control_spectrum - reduce(np.add, answers))
 
 
 def record(minima: Minima, same: float = 3e-3) -> Starts:
@@ -234,15 +141,15 @@ class WhiteLikelihood:
         """
         prediction = predict(recording, model, self.band)
         start = found.values[0]
-        terms = OutputErrors(prediction).noticeable_terms(start)
-        problem = OutputErrors(replace(prediction, terms=terms))
+        terms = prediction.noticeable_terms(start)
+        problem = Likelihood(replace(prediction, terms=terms))
         end = minimise(problem.gram, start[None], model, tolerance=1e-8)
         values, gram = end.values[0], end.gram[0]
         variance = gram[-1, -1] / (problem.residuals - len(values))
         covariance = covariance_of(gram[:-1, :-1], variance)
         if self.covariance == "sandwich":
-            rows = problem.rows(values[None])[0]
-            covariance = sandwich(problem.gram, rows, values, prediction.dt)
+            scores = score_products(*_scored(problem, values))
+            covariance = sandwich_of(hessian(problem.gram, values), scores)
         if covariance is None:
             return failed(method, model, Outcome.SINGULAR)
         estimate = make_estimate(
@@ -262,20 +169,25 @@ class WhiteLikelihood:
 TOO_SHORT = 1.5
 
 
-def too_short(problem: OutputErrors, values: FloatArray) -> tuple[Remark, ...]:
+def _scored(problem: Likelihood, values: FloatArray) -> tuple[FloatArray, int]:
+    """Jacobian and residual at one parameter set, and samples over which scores are correlated."""
+    return problem.rows(values[None])[0], max(1, round(REACH / problem.prediction.dt))
+
+
+def too_short(problem: Likelihood, values: FloatArray) -> tuple[Remark, ...]:
     """A remark where the residual is coloured, with what that does to errors claimed as if white.
 
     The scores' variance over what it would be of a white residual is that of the errors, as in
-    `pilotid.solve.covariance.sandwich`.
+    `pilotid.solve.covariance.sandwich_of`.
 
     Parameters
     ----------
     problem, values
         The problem, and its optimum, shape (parameters,).
     """
-    rows = problem.rows(values[None])[0]
+    rows, reach = _scored(problem, values)
     claimed = np.sum(rows[:-1] ** 2, axis=(1, 2)) * np.mean(rows[-1] ** 2)
-    found = np.diag(score_products(rows, max(1, round(REACH / problem.prediction.dt))))
+    found = np.diag(score_products(rows, reach))
     factor = float(np.sqrt(np.median(found / np.maximum(claimed, 1e-300))))
     if not factor > TOO_SHORT:
         return ()

@@ -15,17 +15,20 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from pilotid.pilot.factors import Response
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Changing
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import BLOCK
-from pilotid.support.types import ComplexArray, FloatArray, IntArray
-from pilotid.time_domain.band_likelihood import BandTerms, Weighting, weighting_of
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray, IntArray
+from pilotid.time_domain.band_likelihood import BandTerms, Weighting, group_begins, weighting_of
 from pilotid.time_domain.prepare import (
     FAR,
     REACH,
+    Band,
     Prepared,
+    analysis_band,
     decimation,
     derivative_kernel,
     fast_length,
@@ -33,6 +36,7 @@ from pilotid.time_domain.prepare import (
     pad,
     prepare,
 )
+from pilotid.time_domain.settings import SEARCH
 
 #: Longest interval between samples of the inputs that are modulated [s].  A change at the highest
 #: rate, 100 1/s, is sampled so finely that its middle is known between samples.
@@ -175,8 +179,8 @@ class Prediction:
     ----------
     model
         The pilot model.
-    dt
-        Sampling interval of the scored samples [s].
+    band
+        The analysis band that it was prepared in.
     s
         Laplace variable at the bins of the transform, shape (bins,).
     spectra
@@ -195,10 +199,13 @@ class Prediction:
         `spectra` is then one.
     weighting
         How frequencies count in the likelihood of the band; None for direct prediction errors.
+    weights, counted
+        Of spectra that are reduced to few frequencies their weights, shape (bins,), and the number
+        of samples that they stand for; None, 0 of samples.
     """
 
     model: PilotModel
-    dt: float
+    band: Band
     s: ComplexArray
     spectra: tuple[ComplexArray, ...]
     control_spectrum: ComplexArray
@@ -208,6 +215,13 @@ class Prediction:
     terms: tuple[float, ...]
     fine: tuple[FineInput | None, ...]
     weighting: Weighting | None
+    weights: FloatArray | None = None
+    counted: int = 0
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval of the scored samples [s]."""
+        return self.band.dt
 
     @property
     def runs(self) -> int:
@@ -217,6 +231,8 @@ class Prediction:
     @property
     def block(self) -> int:
         """Parameter sets that are evaluated at once: one beyond any cache, to spare memory."""
+        if self.weights is not None:
+            return 12  # what a cache holds
         return BLOCK if self.control_spectrum.size < LONG_BINS else 1
 
     @property
@@ -256,7 +272,7 @@ class Prediction:
     @property
     def samples(self) -> int:
         """Scored samples of all runs, less the nuisance terms fitted to each run."""
-        return self.runs * (self.scored - len(self.terms))
+        return self.counted or self.runs * (self.scored - len(self.terms))
 
     @cached_property
     def band_terms(self) -> BandTerms | None:
@@ -281,18 +297,8 @@ class Prediction:
             for channel in self.model.channels
         )
         one = np.ones((1, omega.size), dtype=complex)
-        return Prediction(
-            model=self.model,
-            dt=self.dt,
-            s=s,
-            spectra=spectra,
-            control_spectrum=one,
-            length=self.length,
-            first=0,
-            scored=omega.size,
-            terms=(),
-            fine=self.fine,
-            weighting=None,
+        return replace(
+            self, s=s, spectra=spectra, control_spectrum=one, terms=(), weighting=None, weights=None
         )
 
     @property
@@ -314,49 +320,101 @@ class Prediction:
         -------
         Array of shape (runs, scored).
         """
-        spectrum = self.control_spectrum.copy()
-        responses = self.model.responses(self.s, values)
-        for response, signal, varying in zip(
-            responses, self.spectra, self.varying(values[None]), strict=True
-        ):
-            spectrum -= response * signal if varying is None else response * varying[0]
+        spectrum = self.residual_spectra(values[None])[0]
         if taps is not None:
             spectrum *= self.filter_response(taps)
         return self.samples_of(spectrum)
 
-    def rows(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
-        """Jacobian of the prediction, and below it the residual u - u_hat.
+    def errors(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
+        """As `residual`, with nuisance terms projected out.
+
+        Parameters
+        ----------
+        values
+            Parameters, shape (parameters,).
+        taps
+            Whitening filter, shape (taps,).
+
+        Returns
+        -------
+        Array of shape (runs, scored).
+        """
+        return self.without_nuisance(self.residual(values, taps))
+
+    def residual_spectra(self, values: FloatArray) -> ComplexArray:
+        """Transforms of the residual, shape (sets, runs, bins).
+
+        The same numbers as those of `row_spectra`, without derivatives.
 
         Parameters
         ----------
         values
             Parameter sets, shape (sets, parameters).
-        taps
-            Whitening filter (moving average) of each set, shape (sets, taps), or one for
-            all, shape (taps,).
+        """
+        responses = self.model.moving_responses(self.s, values)
+        answers = [
+            response[:, None, :] * spectrum * (1.0 if varying is None else varying)
+            for response, spectrum, varying in zip(
+                responses, self.inputs, self.varying(values), strict=True
+            )
+        ]
+        return np.asarray(self.control_spectrum - reduce(np.add, answers))
+
+    def noticeable_terms(
+        self, values: FloatArray, taps: FloatArray | None = None
+    ) -> tuple[float, ...]:
+        """The nuisance terms that the residual of one parameter set shows, whitened if need be.
+
+        Fitting a term that is not there costs more than its degree of freedom: in a closed
+        loop it biases the low-frequency parameters, since what is subtracted depends on
+        the future of the recording (the same effect biases autoregressive coefficients
+        when a mean is removed; Kendall 1954).  A term stays if its squared t-values, all
+        runs together, exceed what chance gives once in 14,000.  The least noticeable goes first,
+        since decays that are alike hide one another.  Those of the estimate's own slow poles
+        always stay: left out, they bias what moves the pole by many claimed errors long before
+        they are noticeable.
+        """
+        prediction = self.with_decays(values)
+        slow = prediction.terms[len(self.terms) :]
+        poles, every = prediction.terms, prediction.nuisance_terms
+        residual = self.residual(values, taps)
+        limit = chi_squared_limit(prediction.runs, ESTIMATE.seldom)
+        kept = list(range(len(poles)))
+        while kept:
+            terms = every[:, kept]
+            weights = np.linalg.solve(terms.T @ terms, terms.T)
+            amplitudes = residual @ weights.T
+            left = residual - amplitudes @ terms.T
+            variance = np.sum(left**2) / (left.size - amplitudes.size)
+            squares = np.sum(amplitudes**2 / np.sum(weights**2, axis=1), axis=0) / variance
+            squares[[poles[place] in slow for place in kept]] = np.inf
+            least = int(np.argmin(squares))
+            if squares[least] > limit:
+                break
+            del kept[least]
+        return tuple(poles[place] for place in kept)
+
+    def row_spectra(self, values: FloatArray, between: int = 0) -> ComplexArray:
+        """Transforms of the prediction's Jacobian, and below it of the residual u - u_hat.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        between
+            Number of empty rows between Jacobian and residual, for other parameters.
 
         Returns
         -------
-        Array of shape (sets, parameters + 1, runs, scored).
-        """
-        return self.samples_of(self.row_spectra(values, taps))
-
-    def row_spectra(
-        self, values: FloatArray, taps: FloatArray | None = None, between: int = 0
-    ) -> ComplexArray:
-        """The transforms of `rows`, shape (sets, parameters + 1, runs, bins).
-
-        `between` is a number of empty rows between Jacobian and residual, for other parameters.
+        ComplexArray
+            Shape (sets, parameters + between + 1, runs, bins).
         """
         sets, count = values.shape
         rows = count + between + 1
-        spectrum = np.empty((sets, rows, *self.control_spectrum.shape), dtype=complex)
+        spectrum = np.zeros((sets, rows, *self.control_spectrum.shape), dtype=complex)
         step = self.s.size if any(self.fine) else LONG_BINS
         for begin in range(0, self.s.size, step):
             self._put(spectrum, values, slice(begin, begin + step))
-        if taps is not None:
-            response = self.filter_response(taps)
-            spectrum *= response[:, None, None] if response.ndim > 1 else response
         return spectrum
 
     def _put(self, spectrum: ComplexArray, values: FloatArray, bins: slice) -> None:
@@ -367,15 +425,6 @@ class Prediction:
         model, spectrum = self.model, spectrum[..., bins]
         s = self.s[bins]
         found = model.evaluated(s, values)
-        filled: set[int] = set()
-
-        def put(index: int, slope: Response, part: ComplexArray) -> None:
-            if index in filled:
-                spectrum[:, index] += slope * part
-            else:
-                np.multiply(slope, part, out=spectrum[:, index])
-                filled.add(index)
-
         parts: list[ComplexArray] = []
         left = self.control_spectrum[:, bins]
         responses = model.responses_of(found)
@@ -386,7 +435,7 @@ class Prediction:
                 own = model.changing_indices[c]
                 signal, by_own = fine.modulated_slopes(changing, values[:, list(own)])
                 for place, index in enumerate(own):
-                    put(index, by_own[:, place], part)
+                    spectrum[:, index] += by_own[:, place] * part
                 part = part * signal
             left = np.subtract(left, part, out=spectrum[:, -1])
             parts.append(part)
@@ -395,7 +444,7 @@ class Prediction:
         ):
             total = reduce(np.add, [parts[c] for c in channels])
             for index, slope in zip(indices, slopes, strict=True):
-                put(index, slope[:, None] if slope.ndim > 1 else slope, total)
+                spectrum[:, index] += (slope[:, None] if slope.ndim > 1 else slope) * total
 
     @cached_property
     def inputs(self) -> list[ComplexArray]:
@@ -424,9 +473,9 @@ class Prediction:
         ]
 
     def weighed(self, rows: FloatArray) -> FloatArray:
-        """Rows of samples as real numbers whose products are those of the band's likelihood."""
-        assert self.band_terms is not None
-        return self.band_terms.weighted(rows)
+        """Rows of samples as real numbers whose products are those of the likelihood."""
+        terms = self.band_terms
+        return rows if terms is None or self.weights is not None else terms.weighted(rows)
 
     def of_runs(self, runs: list[int]) -> Prediction:
         """The prediction of some runs alone."""
@@ -437,9 +486,63 @@ class Prediction:
             fine=tuple(fine and fine.of_runs(runs) for fine in self.fine),
         )
 
+    @property
+    def is_large(self) -> bool:
+        """Whether a search is faster by the adjoint, see `pilotid.time_domain.likelihood`."""
+        return (self.runs - 1) * self.s.size >= SEARCH.adjoint_bins and not self.model.changes
+
+    @cached_property
+    def binned(self) -> Prediction:
+        """The prediction at few frequencies, without the mean and what the window makes of it.
+
+        One whose inputs vary in time has no such form, and stays as it is.
+        """
+        if self.model.changes:
+            return self
+        scored = self.scored
+        window = np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(scored) + 0.5) / scored) ** 2
+        given = np.array([*self.spectra, self.control_spectrum])
+        signals = np.fft.rfft(self.samples_of(given) * window)
+        omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, self.dt), dtype=float)
+        groups = group_begins(omega, 1.0 / 15.0, SEARCH.max_binned_width, 2)
+        sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
+        sizes[sizes == 0.0] = 1.0
+        signals = signals / sizes[:, None, None]
+        products = np.einsum("irk,jrk->kij", signals, signals.conj())
+        summed = np.add.reduceat(products, groups, axis=0)
+        size, vectors = np.linalg.eigh(summed)
+        factor = vectors * np.sqrt(np.maximum(size, 0.0))[:, None, :]
+        spectra = np.transpose(factor, (1, 2, 0)) * sizes[:, None, None]  # (signal, part, group)
+        counts = np.diff([*groups, omega.size])
+        middle = np.add.reduceat(omega, groups) / counts
+        # Parseval: bins stand for two, but for the one at half the sampling rate.
+        weights, terms = np.full(len(counts), np.sqrt(2.0 / scored)), self.band_terms
+        if self.weighting is not None:
+            weights *= np.sqrt(self.weighting.weights(middle))
+        return replace(
+            self,
+            s=1j * middle,
+            spectra=tuple(spectra[:-1]),
+            control_spectrum=spectra[-1],
+            terms=(),
+            weights=weights,
+            counted=self.runs * scored if terms is None else terms.residuals,
+        )._with(weights > 0.0)
+
     def below(self, band: float) -> Prediction:
-        """Itself: only a reduced prediction is any faster with fewer frequencies."""
-        return self
+        """Few frequencies without those above one [rad/s]; any other prediction as it is."""
+        return self if self.weights is None else self._with(self.s.imag < band)
+
+    def _with(self, chosen: BoolArray) -> Prediction:
+        """The same with some of few frequencies alone."""
+        assert self.weights is not None
+        return replace(
+            self,
+            s=self.s[chosen],
+            spectra=tuple(spectrum[:, chosen] for spectrum in self.spectra),
+            control_spectrum=self.control_spectrum[:, chosen],
+            weights=self.weights[chosen],
+        )
 
     def filter_response(self, taps: FloatArray) -> ComplexArray:
         """Response of moving-average filters at the bins, shape (..., bins)."""
@@ -530,7 +633,9 @@ class Prediction:
         return signal[..., first - most : first + self.scored]
 
     def samples_of(self, spectrum: ComplexArray) -> FloatArray:
-        """The scored samples of transforms, shape (..., scored)."""
+        """The scored samples of transforms, (..., scored); of few frequencies, real numbers."""
+        if self.weights is not None:
+            return np.ascontiguousarray(spectrum * self.weights).view(float)
         signal = np.fft.irfft(spectrum, n=self.length)
         return signal[..., self.first : self.first + self.scored]
 
@@ -563,7 +668,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     )
     return Prediction(
         model=model,
-        dt=prepared.dt,
+        band=analysis_band(recording.dt, band),
         s=_laplace(length, prepared.dt),
         spectra=tuple(
             channel.sign * transformed(signal, edges)

@@ -17,11 +17,16 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate, is_at_bound
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
-from pilotid.solve.least_squares import Box, minimise
+from pilotid.solve.least_squares import Bounds, Box, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.optimum import Optimum
-from pilotid.time_domain.settings import PROFILE
+
+#: About the interval of the time of a change, and of its rate, what is tried of the one (seconds
+#: beyond the interval, rates [1/s]: about two a decade), and from where the other is searched
+#: (rates, seconds about the time); tuned on adapting-slow and adapting-fast, docs/adapting.md.
+SHIFTS, FROM_RATES = (0.25, 0.75, 1.5, 2.5, 4.0, 6.0), (0.4, 20.0)
+RATES, FROM_SHIFTS = (0.1, 0.2, 0.4, 0.8, 2.0, 6.0, 20.0, 100.0), (-2.0, -1.0, 0.0, 1.0, 2.0)
 
 
 def profile_likelihood(found: Optimum) -> tuple[Optimum, Profile | None]:
@@ -37,7 +42,7 @@ def profile_likelihood(found: Optimum) -> tuple[Optimum, Profile | None]:
     The best optimum, and the profile about it; None where the remnant has no shape.
     """
     profile = profile_about(found)
-    for _ in range(PROFILE.max_moves):
+    for _ in range(3):
         if profile is None or profile.better is None:
             break
         moved = found.moved(profile.better)
@@ -100,7 +105,7 @@ def competing_optima(found: Optimum) -> FloatArray:
     starts = [np.concatenate([pilot, remnant]) for pilot in found.competing]
     if not starts:
         return np.zeros((0, len(found.values)))
-    return _ends(found, np.array(starts), None)
+    return _ends(found, np.array(starts), found.joint)
 
 
 def off_bounds(found: Optimum) -> FloatArray:
@@ -130,14 +135,8 @@ def off_bounds(found: Optimum) -> FloatArray:
     return np.concatenate([np.zeros((0, len(optimum))), *points])
 
 
-def _ends(found: Optimum, starts: FloatArray, space: Box | None) -> FloatArray:
-    return minimise(
-        found.search.gram,
-        starts,
-        found.joint if space is None else space,
-        tolerance=PROFILE.fixed_tolerance,
-        iterations=PROFILE.fixed_iterations,
-    ).values
+def _ends(found: Optimum, starts: FloatArray, space: Bounds) -> FloatArray:
+    return minimise(found.search.gram, starts, space, tolerance=1e-5, iterations=20).values
 
 
 def deviances(found: Optimum) -> FloatArray:
@@ -172,13 +171,13 @@ def over_changes(found: Optimum, intervals: FloatArray, sought: FloatArray | flo
         return result
     middle, rate = joint.prediction.model.change
     low, high = intervals[middle]
-    beyond = [low - far for far in PROFILE.shifts_beyond]
-    beyond += [high + far for far in PROFILE.shifts_beyond]
-    tried = [(middle, float(value), rate, PROFILE.rates_beyond) for value in beyond]
-    near = tuple(float(optimum[middle]) + shift for shift in PROFILE.shifts_around)
+    beyond = [low - far for far in SHIFTS] + [high + far for far in SHIFTS]
+    tried: list[tuple[int, float, int, tuple[float, ...]]]
+    tried = [(middle, float(value), rate, FROM_RATES) for value in beyond]
+    near = tuple(float(optimum[middle]) + shift for shift in FROM_SHIFTS)
     tried += [
         (rate, value, middle, near)
-        for value in PROFILE.rates
+        for value in RATES
         if not intervals[rate, 0] <= value <= intervals[rate, 1]
     ]
     for fixed, value, other, starts in tried:
@@ -190,8 +189,8 @@ def over_changes(found: Optimum, intervals: FloatArray, sought: FloatArray | flo
             joint.gram,
             np.clip(points, joint.lower, joint.upper),
             Box.holding(joint, fixed, value),
-            tolerance=PROFILE.change_tolerance,
-            iterations=PROFILE.change_iterations,
+            tolerance=1e-3,
+            iterations=10,
         )
         for cost, own in zip(fits.cost, fits.values[:, :pilot], strict=True):
             suits = cost <= target

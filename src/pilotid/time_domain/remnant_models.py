@@ -10,7 +10,8 @@ low-pass filter's two parameters by 2 % at the most; see `pilotid.bounds.bounds`
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -244,6 +245,28 @@ class Autoregressive:
         return values, float(taps @ own @ taps)
 
 
+@dataclass(frozen=True, eq=False)
+class Whitener(Autoregressive):
+    """A whitening filter that is known: a model of the remnant without parameters.
+
+    Attributes
+    ----------
+    known
+        The filter, shape (taps,), whose first entry is one.
+    """
+
+    order: int = field(default=0, init=False)
+    known: FloatArray
+    regressive = False
+
+    def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
+        """The filter, shape (1, taps), and no derivatives: it is one for all sets."""
+        return self.known[None], np.zeros((1, 0, self.known.size))
+
+
+#: No filter: the residual of a prediction is white in its band.
+WHITE = Whitener(np.ones(1))
+
 #: A family of remnant spectra, up to the power, which is estimated apart.  It has the bounds of
 #: its parameters, so that it can be searched by `pilotid.solve.least_squares.minimise`; whitening
 #: filters with their derivatives (`taps`) and alone, fast for many sets (`filters`); and a `guess`
@@ -344,8 +367,9 @@ def criterion(model: NoiseModel, power: float, samples: int, pilot: int = 0) -> 
 
 
 class Guess(NamedTuple):
-    """A model of the remnant, and its parameters, shape (parameters,)."""
+    """A model of the remnant with parameters, shape (parameters,), and its criterion."""
 
+    criterion: float
     model: NoiseModel
     values: FloatArray
 
@@ -361,13 +385,14 @@ def guess_parameters(model: NoiseModel, residual: FloatArray, band: Band) -> Flo
 
 def best_noise_model(residual: FloatArray, band: Band) -> Guess:
     """The noise model that suits a residual (runs, samples) best."""
-    return min(
-        guesses(lagged_products(residual), residual.size, band), key=lambda scored: scored[0]
-    )[1]
+    every = guesses(lagged_products(residual), residual.size, band)
+    return min(every, key=lambda guess: guess.criterion)
 
 
-def guesses(products: FloatArray, samples: int, band: Band) -> list[tuple[float, Guess]]:
-    """Every noise model as a residual suggests it, with its criterion.
+def guesses(
+    products: FloatArray, samples: int, band: Band, models: Sequence[NoiseModel] = NOISE_MODELS
+) -> list[Guess]:
+    """Noise models as a residual suggests them.
 
     Parameters
     ----------
@@ -377,11 +402,13 @@ def guesses(products: FloatArray, samples: int, band: Band) -> list[tuple[float,
         Its samples in all runs.
     band
         The analysis band.
+    models
+        Which models.
     """
     found = []
-    for model in NOISE_MODELS:
+    for model in models:
         values, power = model.guess(products, band)
-        found.append((criterion(model, power, samples), Guess(model, values)))
+        found.append(Guess(criterion(model, power, samples), model, values))
     return found
 
 

@@ -18,8 +18,7 @@ Steps 1 and 2 look at binned spectra, steps 3 and 4 at all samples.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,16 +27,15 @@ from pilotid.estimates.estimate import Starts, is_at_bound
 from pilotid.lines.fit import Pilots, fit_lines
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import Minima, minimise, minimise_each, solve_linear
+from pilotid.solve.least_squares import Minima, minimise, solve_linear
 from pilotid.solve.search import draw_starts, search
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import PredictionErrors, binned
+from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.noise import RemnantChoice
 from pilotid.time_domain.optimum import Candidates, Optimum
-from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict, weighted
-from pilotid.time_domain.prepare import Band, analysis_band, decimation
-from pilotid.time_domain.remnant_models import FIRST_NOISE_MODEL, guess_parameters
+from pilotid.time_domain.prepare import decimation
+from pilotid.time_domain.remnant_models import FIRST_NOISE_MODEL, WHITE, Whitener, guess_parameters
 from pilotid.time_domain.settings import SEARCH, LikelihoodSettings
 
 
@@ -59,31 +57,26 @@ def maximise_likelihood(
         Bands, starts, and the remnant's model if it is not to be chosen.
     """
     lines = lines_pilot(recording, model, rng)
-    first = first_fit(recording, model, rng, settings, lines)
-    swept = sweep(first, rng, settings, lines)
-    prediction = replace(first.prediction, terms=swept.terms)
+    first = first_fit(recording, model, settings, lines, rng)
+    candidates, starts, check = sweep(first, rng, settings, lines)
+    whole = first.joint.prediction
+    terms = whole.noticeable_terms(candidates[0], first.whitener)
+    prediction = replace(whole, terms=terms)
     # The lines' pilot rests on no model of the remnant.
-    pilots = [*swept.candidates, *([] if lines is None else lines)]
-    choices = [
-        RemnantChoice(prediction, first.band, pilot, settings.noise, first.coarse)
-        for pilot in pilots
-    ]
-    tried = [_best_of(c, settings, swept.check) for c in _likely(choices, swept.check)]
-    best, competing = _best_and_competing(tried)
+    pilots = [*candidates, *([] if lines is None else lines)]
+    choices = [RemnantChoice(prediction, pilot, settings.noise, check) for pilot in pilots]
+    best, competing = _best_and_competing([each.best(settings.rounds) for each in _likely(choices)])
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
-    terms = swept.terms
-    for _ in range(SEARCH.term_rounds):
-        whitened = OutputErrors(first.prediction, best.joint.whitener(best.values))
-        before, terms = terms, whitened.noticeable_terms(best.pilot)
-        if len(terms) == len(before) and np.allclose(terms, before, rtol=SEARCH.same_decay):
+    for _ in range(4):
+        before, terms = terms, whole.noticeable_terms(best.pilot, best.whitener)
+        if len(terms) == len(before) and np.allclose(terms, before, rtol=0.1):
             break
-        prediction = replace(first.prediction, terms=terms)
-        best = optimum_near(prediction, first.band, best.pilot, settings, swept.check)
+        best = optimum_near(replace(whole, terms=terms), best.pilot, settings, check)
     best = _elsewhere(best)
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
         best = best.moved(np.concatenate([ordered, best.values[len(ordered) :]]))
-    return replace(best, starts=swept.starts, lines_pilot=lines, competing=competing)
+    return replace(best, starts=starts, lines_pilot=lines, competing=competing)
 
 
 def maxima_from(
@@ -98,13 +91,10 @@ def maxima_from(
     sets
         Pilot parameters, shape (sets, parameters); band and nuisance terms suit the first.
     """
-    for rate in _rates(recording, settings):
-        first = _fitted(recording, model, settings, rate, sets[:1])
-        if first.wide_enough:
-            break
-    terms = OutputErrors(first.prediction, first.taps).noticeable_terms(sets[0])
-    prediction = replace(first.prediction, terms=terms)
-    return [optimum_near(prediction, first.band, pilot, settings) for pilot in sets]
+    first = first_fit(recording, model, settings, sets[:1])
+    whole = first.joint.prediction
+    prediction = replace(whole, terms=whole.noticeable_terms(sets[0], first.whitener))
+    return [optimum_near(prediction, pilot, settings) for pilot in sets]
 
 
 def lines_pilot(
@@ -113,14 +103,7 @@ def lines_pilot(
     """The pilot that the forcing frequencies show, shape (1, parameters), if it is one."""
     if lines_objection(recording, model):
         return None
-    fit = fit_lines(
-        recording,
-        model,
-        rng,
-        candidates=SEARCH.lines_candidates,
-        refined=SEARCH.lines_refined,
-        same=SEARCH.lines_same_cost,
-    )
+    fit = fit_lines(recording, model, rng, candidates=96, refined=SEARCH.lines_refined, same=0.01)
     pilot = fit.values[None]
     return pilot if np.isfinite(pilot).all() and Pilots(recording, model)(pilot)[0] else None
 
@@ -133,114 +116,57 @@ def is_sound(model: PilotModel, lines: FloatArray | None) -> bool:
 # ------------------------------------------------------------- 1. the first pilot, and the band
 
 
-@dataclass(frozen=True, eq=False)
-class FirstFit:
-    """Pilots with a second-order remnant, in an analysis band.
-
-    Attributes
-    ----------
-    prediction, band
-        The prediction in the analysis band.
-    coarse
-        The same with binned spectra.
-    joint
-        Pilot and remnant there.
-    end
-        The pilots, each with its remnant, best first.
-    """
-
-    prediction: Prediction
-    band: Band
-    coarse: Prediction
-    joint: PredictionErrors
-    end: Minima
-
-    @property
-    def pilot(self) -> FloatArray:
-        """The best pilot, shape (parameters,)."""
-        return self.end.values[0, : self.joint.pilot]
-
-    @cached_property
-    def taps(self) -> FloatArray:
-        """The filter that whitens its remnant."""
-        return self.joint.whitener(self.end.values[0])
-
-    @property
-    def wide_enough(self) -> bool:
-        """Whether the band holds what the recording tells of the pilot, see `edge_information`.
-
-        Filter and decimation reach into the future a little; in a loop that answers at once
-        (position control) the remnant there, which the error shows too, would otherwise bias
-        delays and neuromuscular parameters.  In the likelihood of a band whose loop falls off
-        above it nothing is biased, and information is lost.
-        """
-        weighting = self.prediction.weighting
-        biased = weighting is None or weighting.answers_at_once
-        most = SEARCH.max_edge_information if biased else SEARCH.max_lost_information
-        return edge_information(self.prediction, self.pilot, self.taps) <= most
-
-    def own_remnants(self, pilots: FloatArray) -> Minima:
-        """Each pilot with the remnant that it leaves, both estimated together."""
-        return _own_remnants(self.joint, self.prediction, pilots)
-
-
 def first_fit(
     recording: Recording,
     model: PilotModel,
-    rng: np.random.Generator,
     settings: LikelihoodSettings,
-    lines: FloatArray | None,
-) -> FirstFit:
-    """The first pilot, in the first band that is wide enough for it, or else in the last one.
+    known: FloatArray | None,
+    rng: np.random.Generator | None = None,
+) -> Optimum:
+    """The best pilot with a second-order remnant, in the first band that is wide enough for it.
+
+    It is in the last one where none is.
 
     Parameters
     ----------
-    recording, model, rng, settings
+    recording, model, settings
         As for `maximise_likelihood`.
-    lines
-        The pilot of the forcing functions' lines, see `lines_pilot`.
+    known
+        Pilots to begin at, shape (pilots, parameters): that of the forcing functions' lines, say.
+    rng
+        Draws starts for pilots of a white residual where what is known is unsound; None to begin
+        at what is known.
     """
-    pilots = lines if is_sound(model, lines) else None
+    pilots = known if rng is None or is_sound(model, known) else None
     for rate in _rates(recording, settings):
+        prediction = predict(recording, model, rate)
+        if settings.loop:
+            prediction = weighted(prediction, recording, settings.weighed)
         if pilots is None:
-            coarse = binned(_prediction(recording, model, settings, rate))
-            white = OutputErrors(coarse.below(settings.search_band))
+            assert rng is not None
+            white = _whitened(prediction.binned.below(settings.search_band), WHITE)
             ends = search(
                 white.gram, model, rng, candidates=settings.candidates, refined=settings.refined
             )
-            pilots = np.concatenate([ends.distinct(), *([] if lines is None else [lines])])
-        first = _fitted(recording, model, settings, rate, pilots)
-        if first.wide_enough:
+            pilots = np.concatenate([ends.distinct(), *([] if known is None else [known])])
+        joint = Likelihood(prediction, settings.noise or FIRST_NOISE_MODEL)
+        first = Optimum(joint, own_remnants(joint, pilots))
+        if wide_enough(first):
             break
     return first
 
 
-def _fitted(
-    recording: Recording,
-    model: PilotModel,
-    settings: LikelihoodSettings,
-    rate: float | None,
-    pilots: FloatArray,
-) -> FirstFit:
-    prediction, band = (
-        _prediction(recording, model, settings, rate),
-        analysis_band(recording.dt, rate),
-    )
-    coarse = binned(prediction)
-    joint = PredictionErrors(coarse, settings.noise or FIRST_NOISE_MODEL, band)
-    return FirstFit(prediction, band, coarse, joint, _own_remnants(joint, prediction, pilots))
+def _whitened(prediction: Prediction, whitener: Whitener) -> Likelihood:
+    """Least squares of prediction errors, without what the loop adds in a band."""
+    return Likelihood(replace(prediction, weighting=None), whitener)
 
 
-def _own_remnants(joint: PredictionErrors, prediction: Prediction, pilots: FloatArray) -> Minima:
-    residuals = [OutputErrors(prediction).residual(pilot) for pilot in pilots]
+def own_remnants(joint: Likelihood, pilots: FloatArray) -> Minima:
+    """Each pilot with the remnant that it leaves, both estimated together on binned spectra."""
+    residuals = [joint.prediction.errors(pilot) for pilot in pilots]
     guesses = [guess_parameters(joint.noise, residual, joint.band) for residual in residuals]
-    return minimise(
-        joint.gram,
-        np.hstack([pilots, guesses]),
-        joint,
-        tolerance=SEARCH.first_tolerance,
-        iterations=SEARCH.first_iterations,
-    )
+    starts = np.hstack([pilots, guesses])
+    return minimise(joint.coarse.gram, starts, joint, tolerance=3e-3, iterations=12)
 
 
 def _rates(recording: Recording, settings: LikelihoodSettings) -> Iterator[float | None]:
@@ -255,14 +181,18 @@ def _rates(recording: Recording, settings: LikelihoodSettings) -> Iterator[float
             factor = own
 
 
-def _prediction(
-    recording: Recording, model: PilotModel, settings: LikelihoodSettings, rate: float | None
-) -> Prediction:
-    """The prediction in a band, weighted for its likelihood where that is to be had."""
-    prediction = predict(recording, model, rate)
-    if not settings.loop:
-        return prediction
-    return weighted(prediction, recording, settings.weighed)
+def wide_enough(first: Optimum) -> bool:
+    """Whether the band holds what the recording tells of the pilot, see `edge_information`.
+
+    Filter and decimation reach into the future a little; in a loop that answers at once
+    (position control) the remnant there, which the error shows too, would otherwise bias
+    delays and neuromuscular parameters.  In the likelihood of a band whose loop falls off
+    above it nothing is biased, and information is lost.
+    """
+    prediction = first.joint.prediction
+    biased = prediction.weighting is None or prediction.weighting.answers_at_once
+    most = SEARCH.max_edge_information if biased else SEARCH.max_lost_information
+    return edge_information(prediction, first.pilot, first.whitener) <= most
 
 
 def edge_information(prediction: Prediction, pilot: FloatArray, taps: FloatArray) -> float:
@@ -275,47 +205,25 @@ def edge_information(prediction: Prediction, pilot: FloatArray, taps: FloatArray
     pilot, taps
         A pilot, shape (parameters,), and the filter that whitens its remnant, shape (taps,).
     """
-    rows = prediction.row_spectra(pilot[None], taps)[0, :-1]
+    rows = prediction.row_spectra(pilot[None])[0, :-1] * prediction.filter_response(taps)
     # A step has all frequencies: when it was, the band need not tell in full.
     rows = np.delete(rows, prediction.model.change, axis=0)
     power = np.sum(np.abs(rows) ** 2, axis=1)
     if prediction.weighting is not None:  # a recorder's noise tells nothing
         power = power * prediction.weighting.weights(prediction.s.imag)
-    upper = prediction.s.imag > SEARCH.edge_share * np.pi / prediction.dt
+    upper = prediction.s.imag > 0.6 * np.pi / prediction.dt
     return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
 
 
 # ------------------------------------------------------------------------------ 2. the sweep
 
 
-@dataclass(frozen=True, eq=False)
-class Swept:
-    """What a sweep found.
-
-    Attributes
-    ----------
-    candidates
-        Pilot parameters, best first, shape (candidates, parameters).
-    terms
-        The nuisance terms that the recording shows.
-    starts
-        How many starts ended in the best optimum.
-    check
-        Which parameters simulate the control as a pilot does.
-    """
-
-    candidates: FloatArray
-    terms: tuple[float, ...]
-    starts: Starts
-    check: Candidates
-
-
 def sweep(
-    first: FirstFit,
+    first: Optimum,
     rng: np.random.Generator,
     settings: LikelihoodSettings,
     lines: FloatArray | None = None,
-) -> Swept:
+) -> tuple[FloatArray, Starts, Candidates]:
     """Search the candidates, whitened by the remnant of the first pilot.
 
     Parameters
@@ -328,43 +236,38 @@ def sweep(
         Number of starts.
     lines
         The pilot of the forcing functions' lines, shape (1, parameters); None without lines.
+
+    Returns
+    -------
+    Pilots, best first, shape (candidates, parameters); how many starts ended in the best optimum;
+    which parameters simulate the control as a pilot does.
     """
-    model, samples = first.prediction.model, first.coarse.samples
+    coarse = first.joint.prediction.binned
+    model, samples = coarse.model, coarse.samples
     near = np.zeros((0, len(model.parameters))) if lines is None else lines
-    check = Candidates(first.coarse, lines)
-    whitened = OutputErrors(first.coarse, first.taps)
+    check = Candidates(coarse, lines)
+    whitened = _whitened(coarse, Whitener(first.whitener))
     count = 0 if is_sound(model, lines) else settings.candidates
     starts = _starts(model, first.pilot, rng, count)
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
     starts = np.concatenate([first.pilot[None], near, starts])
-    rough = minimise(
-        whitened.gram,
-        starts,
-        model,
-        tolerance=SEARCH.sweep_tolerance,
-        iterations=SEARCH.sweep_iterations,
-    )
+    rough = minimise(whitened.gram, starts, model, tolerance=1e-3, iterations=8)
     # What is far behind by then is given up, and of starts that met one goes on for all.
-    met = together(rough, samples)[: SEARCH.sweep_survivors]
-    ends = minimise_each(
-        whitened.gram,
-        rough.values[[group[0] for group in met]],
-        model,
-        tolerance=SEARCH.sweep_tolerance,
-        iterations=2 * SEARCH.sweep_iterations,
-    )
+    met = together(rough, samples)[:9]
+    on = rough.values[[group[0] for group in met]]
+    ends = minimise(whitened.gram, on, model, tolerance=1e-3, iterations=16, sort=False)
     sizes = np.array([len(group) for group in met])
     kept = check.which(ends)
     passed = ends.only(np.repeat(kept, sizes[kept])).best_first()
     candidates, agreeing = optima(passed, samples, SEARCH.sweep_deviance)
     candidates = np.concatenate([candidates, near])
     if len(candidates) > 1:
-        own = check.only(first.own_remnants(candidates))
+        own = own_remnants(first.joint, candidates)
+        own = own.only(check.which(own))
         candidates = optima(own, samples, SEARCH.candidate_deviance)[0][:, : first.joint.pilot]
-    terms = OutputErrors(first.prediction, first.taps).noticeable_terms(candidates[0])
     given_up = np.delete(rough.cost, [start for group in met for start in group])
     cost = np.sort(np.concatenate([np.repeat(ends.cost, sizes), given_up]))
-    return Swept(candidates, terms, Starts(cost / cost[0], agreeing), check)
+    return candidates, Starts(cost / cost[0], agreeing), check
 
 
 def _starts(
@@ -430,9 +333,7 @@ def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
     """
     near = ends.only(ends.cost <= ends.cost[0] * np.exp(far / samples))
     groups = together(near, samples)
-    return near.values[[group[0] for group in groups[: SEARCH.max_candidates]]], len(
-        groups[0]
-    ) if groups else 0
+    return near.values[[group[0] for group in groups[:5]]], len(groups[0]) if groups else 0
 
 
 # ------------------------------------------------------- 3. and 4. pilot and remnant together
@@ -440,7 +341,6 @@ def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
 
 def optimum_near(
     prediction: Prediction,
-    band: Band,
     pilot: FloatArray,
     settings: LikelihoodSettings,
     check: Candidates | None = None,
@@ -449,7 +349,7 @@ def optimum_near(
 
     Parameters
     ----------
-    prediction, band
+    prediction
         The prediction in the analysis band.
     pilot
         Where to begin, shape (parameters,).
@@ -458,25 +358,16 @@ def optimum_near(
     check
         Which parameters simulate the control.
     """
-    choice = RemnantChoice(prediction, band, pilot, settings.noise)
-    return _best_of(choice, settings, check).refined()
+    return RemnantChoice(prediction, pilot, settings.noise, check).best(settings.rounds).refined()
 
 
-def _best_of(
-    choice: RemnantChoice, settings: LikelihoodSettings, check: Candidates | None
-) -> Optimum:
-    """The best of all models of the remnant near one pilot."""
-    best = choice.best(settings.rounds)
-    return Optimum(best.joint, best.end, iterations=choice.iterations, check=check)
-
-
-def _likely(choices: list[RemnantChoice], check: Candidates) -> list[RemnantChoice]:
+def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     """Candidates whose criterion is low on a first look, one of each optimum, best first."""
     if len(choices) == 1:
         return choices
     firsts = [choice.look() for choice in choices]
     reached = np.array([first.criterion for first in firsts])
-    kept = check(np.array([first.pilot for first in firsts]))
+    kept = np.array([first.is_pilot for first in firsts])
     if kept.any():
         reached[~kept] = np.inf
     near = np.flatnonzero(reached < np.min(reached) + SEARCH.look_criterion)
@@ -497,7 +388,7 @@ def _best_and_competing(tried: Sequence[Optimum]) -> tuple[Optimum, list[FloatAr
     for other in passed:
         criterion = other.criterion
         apart = min(abs(criterion - known) for known in reached)
-        if criterion < reached[0] + SEARCH.competing_criterion and apart > SEARCH.same_criterion:
+        if criterion < reached[0] + SEARCH.competing_criterion and apart > 0.01:
             reached.append(criterion)
             competing.append(other.pilot)
     return best, competing
@@ -505,16 +396,10 @@ def _best_and_competing(tried: Sequence[Optimum]) -> tuple[Optimum, list[FloatAr
 
 def _elsewhere(found: Optimum) -> Optimum:
     """The optimum, or a better one where a change in time lies elsewhere."""
-    pilot = found.joint.pilot
-    others = found.joint.prediction.model.elsewhere(found.pilot)
+    joint, remnant = found.joint, found.values[found.joint.pilot :]
+    others = joint.prediction.model.elsewhere(found.pilot)
     if not others:
         return found
-    starts = np.array([np.concatenate([other, found.values[pilot:]]) for other in others])
-    ends = minimise(
-        found.joint.gram,
-        starts,
-        found.joint,
-        tolerance=SEARCH.change_tolerance,
-        iterations=SEARCH.change_iterations,
-    )
+    starts = np.array([np.concatenate([other, remnant]) for other in others])
+    ends = minimise(joint.gram, starts, joint, tolerance=1e-4, iterations=20)
     return found.moved(ends.values[0]) if ends.cost[0] < found.end.cost[0] else found

@@ -7,14 +7,8 @@ than three runs it is what stands above the bins beside the line.  All the rest 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
-
 import numpy as np
 
-from pilotid.analysis.combine import plain_mean
-from pilotid.analysis.recordings import Part
-from pilotid.analysis.rows import MEASURED, Row
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import known_lines
 from pilotid.support.remarks import Remark
@@ -88,30 +82,3 @@ def _answer(
     common = 2.0 * np.sum((values * others.conj()).real, axis=1)
     # A run counts in its own product and in those of the others: the scatter is twice as large.
     return np.asarray(2.0 * common - common.mean())
-
-
-def performance_content(recording: Recording) -> list[list[Any]]:
-    """Key, unit and values of each quantity, as JSON has them."""
-    return [[key, unit, values.tolist()] for key, (unit, values) in performance(recording).items()]
-
-
-def performance_rows(part: Part, look: Mapping[str, Any], *, per_run: bool) -> Iterator[Row]:
-    """Means over the runs, and each run if so asked.
-
-    Parameters
-    ----------
-    part
-        The recording.
-    look
-        What a look at it gave.
-    per_run
-        Whether to give the runs too.
-    """
-    file, fields = part.name, part.fields
-    for key, unit, values in look["performance"]:
-        mean = plain_mean(np.array(values))
-        about = (mean.value, mean.std_error, mean.lower, mean.upper)
-        yield Row(file, fields, None, "", MEASURED, key, unit, *about, MEASURED, True)
-        for run, value in enumerate(values if per_run and len(values) > 1 else (), start=1):
-            about = (value, *[float("nan")] * 3)
-            yield Row(file, fields, run, "", MEASURED, key, unit, *about, MEASURED, True)

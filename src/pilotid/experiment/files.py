@@ -6,17 +6,26 @@ import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from pilotid.analysis.rows import in_order
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.text import sidecar_path
+from pilotid.recordings.sidecar import sidecar_path
 from pilotid.recordings.windows import file_of, of_runs, stem_of
+from pilotid.support.disk import require_file
 from pilotid.support.types import InputError
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+#: The field of a pattern that names who was recorded, and the one that names under what.
+SUBJECT, CONDITION = "subject", "condition"
 #: The field whose values are runs of one recording, each in a file of its own.
 RUN = "run"
+
+LARGEST = 2**20  # bytes of a file of factors
 
 FIELD = re.compile(r"\{([^{}]*)\}")
 
@@ -109,6 +118,15 @@ class Part:
     def name(self) -> str:
         """The file, as it is named in tables; the first of several."""
         return str(self.files[0])
+
+    def field(self, name: str) -> str:
+        """The value of a field; empty where the pattern has no such field."""
+        return dict(self.fields).get(name, "")
+
+    @property
+    def stratum(self) -> tuple[str, ...]:
+        """All fields but who and under what: contrasts are made within each value of them."""
+        return tuple(value for name, value in self.fields if name not in (SUBJECT, CONDITION))
 
     @property
     def words(self) -> str:
@@ -238,3 +256,102 @@ def excluded_of(parts: Sequence[Part], texts: Sequence[str]) -> tuple[list[Part]
     if not left:
         raise InputError("--exclude: nothing is left to analyse; exclude less")
     return left, excluded
+
+
+def in_order(values: Sequence[str]) -> list[str]:
+    """Distinct values in a natural order: C2 before C10."""
+
+    def key(text: str) -> list[tuple[bool, int, str]]:
+        return [
+            (not part.isdigit(), int(part) if part.isdigit() else 0, part)
+            for part in re.split(r"(\d+)", text)
+        ]
+
+    return sorted(set(values), key=key)
+
+
+def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], DataFrame | None]:
+    """Recordings with a condition each, and the level of each factor (columns) by condition.
+
+    Parameters
+    ----------
+    parts
+        The recordings.
+    text
+        Factors as in ``motion=C1,C2:off;C3,C4:on``, a CSV file with a column ``condition`` and one
+        for each factor, or fields of the pattern, ``motion,dynamics``, whose levels together are
+        the condition; None for no factors.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, a level has no condition, or the conditions are no full crossing.
+    """
+    from pandas import DataFrame
+
+    if text is None:
+        return [*parts], None
+    names = [name.strip() for name in text.split(",")]
+    fields = [dict(part.fields) for part in parts]
+    if all(name in own for own in fields for name in names):
+        whole = [", ".join(own[name] for name in names) for own in fields]
+        parts = [
+            Part(p.files, (*((n, v) for n, v in p.fields if n not in names), (CONDITION, own)))
+            for p, own in zip(parts, whole, strict=True)
+        ]
+        rows = dict(zip(whole, fields, strict=True))
+        frame = DataFrame.from_dict(rows, orient="index")[names].loc[in_order(whole)]
+    else:
+        frame = _in_file(Path(text)) if text.lower().endswith(".csv") else _in_text(text)
+    there = in_order([part.field(CONDITION) for part in parts])
+    for condition, levels in frame.iterrows():
+        if condition not in there:
+            raise InputError(
+                f"--factors: no file has the condition {condition}; the conditions are "
+                f"{', '.join(filter(None, there)) or 'none'}"
+            )
+        if levels.isna().any():
+            missing = levels.index[levels.isna()][0]
+            raise InputError(f"--factors: the condition {condition} has no level of {missing}")
+    for factor in frame.columns[frame.nunique() < 2]:
+        raise InputError(f"--factors: {factor} has one level only; give it two or more")
+    if frame.duplicated().any() or len(frame) < prod(frame.nunique()):
+        raise InputError(
+            "--factors: each combination of levels must be that of one condition; add a factor, or "
+            "name all conditions"
+        )
+    return [*parts], frame
+
+
+def _in_text(text: str) -> DataFrame:
+    from pandas import DataFrame
+
+    found: dict[str, dict[str, str]] = {}
+    factor = ""
+    for part in (part.strip() for part in text.split(";") if part.strip()):
+        name, equals, rest = part.partition("=")
+        factor = name.strip() if equals else factor
+        members, colon, level = (rest if equals else part).rpartition(":")
+        names = [name.strip() for name in members.split(",") if name.strip()]
+        own = found.setdefault(factor, {})
+        if not (factor and colon and level.strip() and names) or set(names) & set(own):
+            raise InputError(
+                f"--factors: '{part}' must be FACTOR=CONDITIONS:LEVEL, as in motion=C1,C2:off;"
+                "C3,C4:on, and a condition has one level of a factor"
+            )
+        own.update(dict.fromkeys(names, level.strip()))
+    if not found:
+        raise InputError("--factors: names no factor; write for example motion=C1,C2:off;C3,C4:on")
+    return DataFrame(found)
+
+
+def _in_file(path: Path) -> DataFrame:
+    from pandas import read_csv
+
+    require_file(path, LARGEST)
+    try:
+        return read_csv(path, dtype=str, encoding="utf-8-sig").set_index(CONDITION)
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(
+            f"{path}: is no table with a column condition and one for each factor ({error})"
+        ) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -10,9 +11,7 @@ import numpy as np
 from pilotid.bounds import bounds
 from pilotid.datasets import Population, Scenario, simulate
 from pilotid.datasets.experiments import bound_of, experiment_of
-from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.named import AnyScenario
-from pilotid.datasets.simulation import lines_in
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, Searching, identify
 from pilotid.estimates.warnings import OPEN
@@ -23,9 +22,10 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
-from pilotid.study.store import Draw, ParameterTruth, Result, Unit, number
+from pilotid.study.table import Fit
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng, start_rng
 from pilotid.support.remarks import codes_of
+from pilotid.support.store import Key, number
 from pilotid.support.types import one_line
 
 #: Outcomes that another try may mend; an error that the code makes comes again.
@@ -40,47 +40,75 @@ class Task:
 
     Attributes
     ----------
-    unit
-        Which one.
+    key
+        Scenario, method and replication.
     seed
         Seed of all random numbers.
     content
         Scenario and method, see `pilotid.naming.code.packed`.
     """
 
-    unit: Unit
+    key: Key
     seed: int
     content: bytes
 
 
-def run_task(task: Task) -> Result:
+def run_task(task: Task) -> Fit:
     """Simulate and identify; whatever goes wrong is a result."""
-    unit, seed = task.unit, task.seed
-    draw: Draw | None = None
+    key, seed = task.key, task.seed
     try:
         held: tuple[AnyScenario, Method] = unpacked(task.content)
         origin, method = held
-        replication = 0 if origin.one_recording else unit.replication
-        scenario, draw = scenario_of(origin, seed, replication)
-        recording = recording_of(origin, seed, replication)
-        model = started(scenario, seed, unit.replication)
+        name, _, replication = key
+        shown = 0 if origin.one_recording else replication
+        scenario = scenario_of(origin, seed, shown)
+        recording = recording_of(origin, seed, shown)
+        model = started(scenario, seed, replication)
         # A label of the user's own moves no number.
-        rng = fit_rng(seed, label_of(method), unit.scenario, unit.replication)
+        rng = fit_rng(seed, label_of(method), name, replication)
         estimate = identify(method, recording, model, rng)
-        excess = None if draw is None else excess_of(method, recording, estimate, scenario)
-        found = _result(unit, estimate, excess, draw)
-        shown = remarks_of(origin, seed, replication)
-        return replace(found, remarks=told(shown, estimate))
+        drawn = isinstance(origin, Population)
+        ended = Fit(
+            *key,
+            estimate.outcome.slug,
+            estimate.message,
+            estimate.outcome.usable,
+            number(estimate.vaf),
+            int(estimate.iterations),
+            number(estimate.seconds),
+            estimate.draws is not None,
+            excess_of(method, recording, estimate, scenario) if drawn else None,
+            told(remarks_of(origin, seed, shown), estimate),
+        )
+        return with_truth(ended, scenario, estimate)
     except MemoryError as error:
-        return Result(unit, Outcome.OUT_OF_MEMORY.slug, one_line(str(error)), draw=draw)
+        return Fit(*key, Outcome.OUT_OF_MEMORY.slug, one_line(str(error)))
     except BaseException as error:  # an interruption too: the user's go to another process
-        return Result(unit, Outcome.CRASHED.slug, one_line(reason(error)), draw=draw)
+        return Fit(*key, Outcome.CRASHED.slug, one_line(reason(error)))
+
+
+def with_truth(fit: Fit, scenario: Scenario, estimate: Estimate | None = None) -> Fit:
+    """A fit with what its recording was drawn from, beside what the estimate says, if any.
+
+    Raises
+    ------
+    InputError
+        If no bounds can be given, for example because the loop is unstable.
+    """
+    found = {} if estimate is None else {q.key: q for q in estimate.parameters}
+    rows = []
+    for known in truths_of(scenario):
+        q = found.get(known[0])
+        value, error, *ends = (q.value, q.std_error, q.lower, q.upper) if q else (math.nan,) * 4
+        rows.append((*known, number(value), number(error), number(ends[0]), number(ends[1])))
+    model, facts = scenario.model.name, facts_of(scenario)
+    return replace(fit, model=model, facts=facts, estimates=tuple(rows))
 
 
 @lru_cache(maxsize=2)  # methods of a replication come one after the other
 def recording_of(origin: AnyScenario, seed: int, replication: int) -> Recording:
     """The recording of a replication; its signals are read-only."""
-    scenario, _ = scenario_of(origin, seed, replication)
+    scenario = scenario_of(origin, seed, replication)
     return simulate(scenario, recording_rng(seed, scenario.name, replication))
 
 
@@ -137,18 +165,9 @@ def started(scenario: Scenario, seed: int, replication: int) -> PilotModel:
     return scenario.model.with_start(dict(zip(scenario.model.keys, starts.tolist(), strict=True)))
 
 
-def given_up(task: Task, loss: Loss, why: str) -> Result:
+def given_up(task: Task, loss: Loss, why: str) -> Fit:
     """The row of a fit that gave no estimate at all."""
-    return Result(task.unit, Outcome[loss.name].slug, why)
-
-
-def _result(unit: Unit, e: Estimate, excess: float | None, draw: Draw | None) -> Result:
-    known = tuple(
-        (q.key, number(q.value), number(q.std_error), number(q.lower), number(q.upper))
-        for q in e.parameters
-    )
-    ended = unit, e.outcome.slug, e.message, e.outcome.usable, number(e.vaf), int(e.iterations)
-    return Result(*ended, e.draws is not None, number(e.seconds), known, excess, draw)
+    return Fit(*task.key, Outcome[loss.name].slug, why)
 
 
 # ------------------------------------------------------------ what a population draws
@@ -165,16 +184,14 @@ KINDS = {
 
 
 @lru_cache(maxsize=8)  # methods of a replication come one after the other
-def scenario_of(origin: AnyScenario, seed: int, replication: int) -> tuple[Scenario, Draw | None]:
-    """The scenario of a replication, and what is to be kept of it if it was drawn."""
-    scenario = origin.drawn(draw_rng(seed, origin.name, replication))
-    if not isinstance(origin, Population):
-        return scenario, None
-    return scenario, Draw(scenario.model.name, truths_of(scenario), facts_of(scenario))
+def scenario_of(origin: AnyScenario, seed: int, replication: int) -> Scenario:
+    """The scenario of a replication: that which is given, or what a population draws."""
+    return origin.drawn(draw_rng(seed, origin.name, replication))
 
 
-def truths_of(scenario: Scenario) -> tuple[ParameterTruth, ...]:
-    """True values, and the bounds of the whole record with the remnant's spectrum known.
+@lru_cache(maxsize=8)
+def truths_of(scenario: Scenario) -> tuple[tuple[str, str, float, float | None], ...]:
+    """Key, unit, true value and bound (whole record, remnant's spectrum known) of each parameter.
 
     Raises
     ------
@@ -186,29 +203,18 @@ def truths_of(scenario: Scenario) -> tuple[ParameterTruth, ...]:
     else:
         deviations = np.sqrt(np.diag(bounds(experiment_of(scenario)).full))
     known = zip(scenario.model.parameters, scenario.values, deviations, strict=True)
-    return tuple(
-        ParameterTruth(p.key, p.unit, float(value), number(float(deviation)))
-        for p, value, deviation in known
-    )
+    return tuple((p.key, p.unit, float(value), number(float(bound))) for p, value, bound in known)
 
 
 def facts_of(scenario: Scenario) -> dict[str, str | float]:
     """What was drawn, but for the pilot's parameters: words and numbers."""
-    remnant = scenario.remnant
     forced = {"target": scenario.target, "disturbance": scenario.disturbance}
-    given = {name: f for name, f in forced.items() if f is not None}
-    sines = [f for f in given.values() if isinstance(f, Multisine)]
-    periodic = bool(sines) and all(lines_in(f, scenario.duration) for f in sines)
+    given = [name for name, forcing in forced.items() if forcing is not None]
     return {
         "element": element_kind(scenario.element),
-        "element_name": scenario.element.name,
         "forcing": "both" if len(given) == 2 else "".join(given) or "none",
-        "periodic": "periodic" if periodic and len(sines) == len(given) else "aperiodic",
         "remnant": remnant_kind(scenario),
-        "remnant_shape": remnant.shape,
-        "remnant_order": remnant.order,
-        "remnant_enters": remnant.enters,
-        "remnant_level": remnant.level,
+        "remnant_level": scenario.remnant.level,
         "dt": scenario.dt,
         "duration": scenario.duration,
         "run_in": scenario.run_in,

@@ -1,0 +1,139 @@
+"""Leave-one-run-out cross-validation: how well the fit of the other runs predicts each run.
+
+No truth is known of people.  What can be held against an estimate is a run that it has not seen:
+how much of its control the simulated response explains (VAF), and how likely it is under the
+pilot and a model of the remnant that are known from the other runs.  The remnant's model is
+chosen the same way for all methods, from what each of them leaves of the other runs, so that
+methods without one can be judged too.  The likelihood is of the whole control: in a closed loop
+the inverse of the controlled element predicts it well without being a pilot, which the VAF
+shows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pilotid.estimates.method import Method, identify
+from pilotid.experiment.files import alone, without
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.support.numbers import fit_rng
+from pilotid.support.types import FloatArray
+from pilotid.time_domain.output_error import simulated_vaf
+from pilotid.time_domain.prediction import Prediction, predict
+from pilotid.time_domain.prepare import analysis_band
+from pilotid.time_domain.remnant_models import best_noise_model
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+BAND = 50.0  # analysis band of the likelihood [rad/s], that of `mle`
+#: Columns of left_out.csv behind the recording's.
+COLUMNS = ("run", "model", "method", "outcome", "vaf", "log_likelihood", "seconds")
+
+
+def predict_left_out(
+    recording: Recording, model: PilotModel, methods: Mapping[str, Method], run: int, seed: int
+) -> list[dict[str, object]]:
+    """Fit all runs but one by each method, and hold that one against the fits.
+
+    Parameters
+    ----------
+    recording
+        A recording of two runs at least.
+    model, methods, seed
+        What is fitted, methods by their labels.
+    run
+        The run that is left out, from 1.
+
+    Returns
+    -------
+    Plain objects, one for each method.
+    """
+    others, own = without(recording, run), alone(recording, run)
+    found: list[dict[str, object]] = []
+    for label, method in methods.items():
+        estimate = identify(method, others, model, fit_rng(seed, label))
+        told: dict[str, object] = {"vaf": math.nan, "log_likelihood": math.nan}
+        if estimate.outcome.usable:
+            told["vaf"] = simulated_vaf(own, model, estimate.values)
+            told["log_likelihood"] = log_likelihood(others, own, model, estimate.values)
+        head = {"method": label, "outcome": estimate.outcome.slug}
+        found.append({**head, **told, "seconds": estimate.seconds})
+    return found
+
+
+def log_likelihood(
+    others: Recording, own: Recording, model: PilotModel, values: FloatArray
+) -> float:
+    """Of a run, under a pilot and the remnant that he leaves in other runs.
+
+    Parameters
+    ----------
+    others, own
+        The runs that the remnant is known from, and the one that is judged.
+    model, values
+        The pilot, with his parameters, shape (parameters,).
+    """
+    band = analysis_band(others.dt, BAND)
+    left = _errors(others, model, values)
+    taps = best_noise_model(left, band).whitener(band)
+    variance = float(np.mean(_errors(others, model, values, taps) ** 2))
+    errors = _errors(own, model, values, taps)
+    squares = float(np.sum(errors**2)) / variance
+    return -0.5 * (errors.size * math.log(2.0 * math.pi * variance) + squares)
+
+
+def _errors(
+    recording: Recording, model: PilotModel, values: FloatArray, taps: FloatArray | None = None
+) -> FloatArray:
+    """Control less prediction, whitened if need be, shape (runs, scored); offsets are fitted."""
+    prediction: Prediction = predict(recording, model, BAND)
+    return replace(prediction, terms=(0.0,)).errors(values, taps)
+
+
+def failed_rows(methods: Mapping[str, Method], outcome: str) -> list[dict[str, object]]:
+    """The same as `predict_left_out` of fits that a process was lost with."""
+    nothing = dict.fromkeys(("vaf", "log_likelihood", "seconds"), math.nan)
+    return [{"method": label, "outcome": outcome, **nothing} for label in methods]
+
+
+def ranked(left: DataFrame) -> DataFrame:
+    """Models and methods by the likelihood of runs left out, the best first.
+
+    Methods whose fits fail in more than half of the runs come last and are not compared run by
+    run, so that they do not cost the others theirs.
+
+    Parameters
+    ----------
+    left
+        Rows of left_out.csv of recordings of one kind.
+
+    Returns
+    -------
+    DataFrame
+        By model and method ``runs`` and ``failed`` fits; ``vaf`` and ``behind``, the mean
+        log-likelihood of a run less that of the best, over the runs that all predict, each with its
+        standard error.
+    """
+    table = left.pivot(
+        index=["file", "run"], columns=["model", "method"], values="log_likelihood"
+    ).astype(float)
+    able = table[table.columns[2 * table.count() >= len(table)]].dropna()
+    groups = left.groupby(["model", "method"], sort=False)
+    found = groups["vaf"].agg(["size", "count", "mean", "sem"])
+    found.columns = ["runs", "failed", "vaf", "vaf_error"]
+    found["failed"] = found["runs"] - found["failed"]
+    if able.size:
+        best = able.sum().idxmax()
+        apart = able.sub(able[best], axis=0)
+        found["behind"], found["behind_error"] = apart.mean(), apart.sem()
+        found.loc[[best], "behind_error"] = math.nan
+    else:
+        found["behind"] = found["behind_error"] = math.nan
+    return found.sort_values("behind", ascending=False, na_position="last").reset_index()

@@ -1,0 +1,229 @@
+"""Recordings of a laboratory analysed: from files to tables, tidy CSV and LaTeX, and a page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from pilotid.estimates.method import Method
+from pilotid.experiment.files import Pattern, excluded_of, parts_of, with_factors
+from pilotid.experiment.fits import Settings, fit_recordings
+from pilotid.experiment.results import COLUMNS, Results, results_of
+from pilotid.methods import label_of, method_named
+from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
+from pilotid.pilot.element import ControlledElement, as_element
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.files import Reading, read_with
+from pilotid.recordings.windows import span_of
+from pilotid.study.study import about_this
+from pilotid.support.disk import require_folder, table_bytes, write_file
+from pilotid.support.format import Table, as_text
+from pilotid.support.numbers import DEFAULT_SEED
+from pilotid.support.remarks import codes_in
+from pilotid.support.types import InputError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+TABLES = ("estimates", "models", "loops", "contrasts", "factors", "left_out")
+TEX, PAGE = "tables.tex", "report.html"
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Experiment:
+    """An analysis of recordings of subjects under conditions.
+
+    Attributes
+    ----------
+    results
+        Estimates, contrasts and all that follows from the fits.
+    folder
+        Where its store is.
+    """
+
+    results: Results
+    folder: Path
+
+    @property
+    def refused(self) -> Sequence[str]:
+        """A sentence for each file that was left out."""
+        return self.results.fits.refused
+
+    def to_dataframe(self, table: str = "estimates") -> DataFrame:
+        """A table, such as ``contrasts``, with the columns of its CSV file."""
+        name = table.removesuffix(".csv")
+        if name not in TABLES:
+            raise InputError(f"{table}: is no table of an analysis; there are {', '.join(TABLES)}")
+        found = getattr(self.results, name)
+        if name not in ("estimates", "loops"):
+            return found
+        head = ["file", *self.results.fits.fields, *COLUMNS[:3]]
+        if name == "estimates":
+            return found[[*head, *COLUMNS[3:-1]]]
+        return found[[*head, "element", *COLUMNS[3:-1]]].rename(columns={"parameter": "quantity"})
+
+    def write(self, command: str = "") -> Path:
+        """Write all tables, figures and the page to the folder, and return the page's path.
+
+        Parameters
+        ----------
+        command
+            The command that makes them, which they name.
+        """
+        from pilotid.experiment.report import tables_tex, write_report
+
+        for name in TABLES:
+            frame = self.to_dataframe(name)
+            if len(frame) or name in TABLES[:4]:
+                rows = frame.astype(object).where(frame.notna(), "").to_numpy().tolist()
+                write_file(self.folder / f"{name}.csv", table_bytes([*frame], rows))
+        text = tables_tex(self.results, command)
+        write_file(self.folder / TEX, text.encode("utf-8", "replace"))
+        about = about_this(self.results.fits.settings.seed)
+        versions = (f"{name} {own}" for name, own in about.items() if name not in ("seed", "code"))
+        write_report(self.folder / PAGE, self.results, command, ", ".join(versions))
+        return self.folder / PAGE
+
+    def blocks(self, page: Path | None = None) -> list[str | Table]:
+        """What the terminal shows, with the place of the page where there is one."""
+        from pilotid.experiment.report import blocks
+
+        return [*blocks(self.results, page)]
+
+    def __repr__(self) -> str:
+        return as_text(*self.blocks())
+
+
+def analyse(
+    files: Sequence[str | Path],
+    pattern: str | None = None,
+    models: Sequence[PilotModel | str] = (AUTO,),
+    methods: Sequence[Method | str] = ("mle",),
+    *,
+    out: str | Path,
+    contrasts: Sequence[str] = (),
+    factors: str | None = None,
+    keep_all: bool = False,
+    per_run: bool = False,
+    left_out: bool = False,
+    exclude: Sequence[str] = (),
+    element: ControlledElement | str | None = None,
+    fix: str | None = None,
+    reading: Reading | None = None,
+    ignore: Sequence[str] = (),
+    seed: int = DEFAULT_SEED,
+    workers: int | None = None,
+    force: bool = False,
+) -> Experiment:
+    """Analyse recordings of subjects under conditions, as ``pilotid analyse`` does.
+
+    ``analyse(files, "subj{subject}_{condition}", out="results").to_dataframe("contrasts")``
+
+    Parameters
+    ----------
+    files
+        The recordings.
+    pattern
+        What their names say, such as ``subj{subject}_{condition}``.
+    models, methods
+        Objects, or what the command line takes for them; ``auto`` is the catalogue's best model.
+    out
+        Folder of what is done: the same call resumes there.
+    contrasts
+        Conditions or parameters to compare, such as ``C3:C6``; else all conditions that differ in
+        one factor.
+    factors
+        Factors that conditions are combinations of, as text or CSV file, or fields of the pattern.
+    keep_all
+        Whether estimates that are not determined, or wrong, count in means and tests as well.
+    per_run, left_out
+        Whether each run is fitted alone as well, and whether it is predicted by the others' fit.
+    exclude
+        Recordings to leave out, such as ``subject=6,condition=C4``.
+    element
+        The controlled element; else the file's, or what the signals show.
+    fix
+        Parameters that are held or bounded, such as ``fnm=12,dnm=.1..0.5``.
+    reading
+        How files are read, a `pilotid.recordings.files.Reading`.
+    ignore
+        Codes of warnings that tables and page leave out, and that exclude no estimate.
+    seed
+        Seed of all random numbers.
+    workers
+        Processes; None for one for each processor.
+    force
+        Whether files of the folder may be written over that this program did not write.
+
+    Returns
+    -------
+    Experiment
+        It prints what the command prints; ``write()`` writes the tables and the page.
+
+    Raises
+    ------
+    InputError
+        If no file can be used, or an option does not fit them.
+    """
+    models, methods = _several(models), _several(methods)
+    every = [model_named(m) if isinstance(m, str) else m for m in models if m != AUTO]
+    auto = len(every) < len(models)
+    with_held([*every, *(MODELS.values() if auto else ())], fix)  # refused at once
+    known = [method_named(m) if isinstance(m, str) else m for m in methods]
+    reading, folder = reading or Reading(), Path(out)
+    if reading.span:
+        span_of(reading.span)
+    parts, refused = parts_of(
+        [Path(file) for file in _several(files)],
+        Pattern(pattern) if pattern else None,
+    )
+    parts, excluded = excluded_of(parts, _several(exclude)) if parts else (parts, [])
+    parts, levels = with_factors(parts, factors)
+    settings = Settings(
+        {m.name: m for m in every},
+        auto,
+        {label_of(method): method for method in known},
+        per_run,
+        left_out,
+        as_element(element) if element else None,
+        seed,
+        pairs_of(_several(contrasts)),
+        levels,
+        keep_all,
+        excluded,
+        codes_in(_several(ignore)),
+        fix,
+        reading,
+    )
+    if not parts:
+        raise InputError("; ".join(refused))
+    read = [file for part in parts for file in part.files]
+    names = (*(f"{name}.csv" for name in TABLES), TEX, PAGE)
+    require_folder(folder, names, read_with(read), force=force)
+    fits = fit_recordings(parts, settings, folder, workers, refused)
+    if not fits.looks:
+        raise InputError("; ".join(fits.refused))
+    return Experiment(results_of(fits), folder)
+
+
+def _several(given: Sequence[T]) -> Sequence[T]:
+    """A list, also of one text alone."""
+    return [given] if isinstance(given, str) else given  # type: ignore[list-item]
+
+
+def pairs_of(texts: Sequence[str]) -> list[tuple[str, str]]:
+    """The conditions in texts such as ``C3:C6``."""
+    pairs = []
+    for text in (part for given in texts for part in given.split(",")):
+        first, colon, second = (part.strip() for part in text.partition(":"))
+        if not (colon and first and second):
+            raise InputError(
+                f"--contrast {text}: must be two conditions, as in C3:C6, or two parameters of "
+                "one model, as in tlead1:tlead2"
+            )
+        pairs.append((first, second))
+    return pairs

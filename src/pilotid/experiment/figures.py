@@ -1,0 +1,214 @@
+"""Figures of an experiment: variances and their parts, estimates, and group responses."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pilotid.estimates.quantities import symbol, unit_words
+from pilotid.experiment.files import CONDITION, SUBJECT, in_order
+from pilotid.experiment.results import LEFT_OUT
+from pilotid.show.style import INK, draw_grid, journal_figure, log_ticks, with_unit
+from pilotid.support.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+ACROSS = 4  # panels in a row
+#: Of subjects in their order, told apart with a colour vision deficiency, too (Tol, 2021).
+COLOURS = ("#4477AA", "#EE6677", "#228833", "#CCBB44", "#66CCEE", "#AA3377", "#BBBBBB")
+MARKERS = "osD^vP"
+#: What variances are made of.
+PARTS = ("target", "disturbance", "remnant")
+#: Positive values that span more than this ratio are shown on a logarithmic axis.
+WIDE = 8.0
+
+
+def estimates_figure(own: DataFrame) -> Figure | None:
+    """Estimates over conditions, a panel for each quantity that has values; None if none has.
+
+    Parameters
+    ----------
+    own
+        Rows of one stratum and method, with columns subject and condition; those that do not count
+        are not drawn.
+    """
+    own = own[own[LEFT_OUT] == ""]
+    keys = [*dict.fromkeys(own["parameter"])]
+    if not keys:
+        return None
+    conditions, subjects = in_order([*own[CONDITION]]), in_order([*own[SUBJECT]])
+    rows = math.ceil(len(keys) / ACROSS)
+    with journal_figure(1.75 * rows + 0.4) as figure:
+        panels = figure.subplots(rows, min(ACROSS, len(keys)), squeeze=False).ravel()
+        for axes, key in zip(panels, keys, strict=False):
+            _panel(axes, own[own["parameter"] == key], conditions, subjects)
+        for axes in panels[len(keys) :]:
+            axes.set_axis_off()
+        named = {
+            label: handle
+            for axes in panels
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        figure.legend(
+            [*named.values()], [*named], loc="outside lower center", ncols=7, frameon=False
+        )
+    return figure
+
+
+def _panel(axes: Axes, own: DataFrame, conditions: list[str], subjects: list[str]) -> None:
+    offsets = np.linspace(-0.24, 0.24, len(subjects)) if len(subjects) > 1 else np.zeros(1)
+    place = own[CONDITION].map(conditions.index)
+    for count, (subject, offset) in enumerate(zip(subjects, offsets, strict=True)):
+        here = own[SUBJECT] == subject
+        if not here.any():
+            continue
+        x, y = place[here] + offset, own.loc[here, "value"]
+        reach = np.abs(own.loc[here, ["lower_95", "upper_95"]].sub(y, axis=0).fillna(0.0)).T
+        colour = COLOURS[count % len(COLOURS)]
+        marker = MARKERS[count // len(COLOURS) % len(MARKERS)] if len(subjects) > 7 else "o"
+        axes.plot(x, y, color=colour, linewidth=0.5, alpha=0.5)
+        axes.errorbar(
+            x, y, reach, fmt=marker, color=colour, markersize=3.0, elinewidth=0.9, capsize=0.0,
+            label=f"subject {subject}",
+        )  # fmt: skip
+    for at, values in own.groupby(place)["value"]:
+        if len(values) > 1:
+            ends = [at - 0.36, at + 0.36]
+            mean = [float(values.mean())] * 2
+            axes.plot(ends, mean, color=INK, linewidth=1.2, label="mean over subjects")
+    axes.set_xticks(range(len(conditions)), conditions)
+    axes.set_xlim(-0.6, len(conditions) - 0.4)
+    draw_grid(axes, "y")
+    low, high = float(own["value"].min()), float(own["value"].max())
+    title = with_unit(symbol(own["parameter"].iloc[0]), unit_words(own["unit"].iloc[0]))
+    if low > 0.0 and high > WIDE * low:
+        axes.set(yscale="log", ylim=(0.7 * low, 1.4 * high))
+        log_ticks(axes, "y")
+        title += ", log. axis"
+    else:  # intervals that would squeeze the values together are cut
+        room = high - low or 0.5 * abs(high) or 1.0
+        bottom, top = axes.get_ylim()
+        axes.set_ylim(max(bottom, low - room), min(top, high + room))
+    axes.set_title(title, loc="left")
+
+
+def variances_figure(own: DataFrame) -> Figure | None:
+    """Variances of e, u and x over conditions, stacked; None without forcing lines.
+
+    Bars are 95 % intervals of the mean over subjects: of a total, and of each part.
+
+    Parameters
+    ----------
+    own
+        Measured rows of one stratum that count.
+    """
+    own = own[own[LEFT_OUT] == ""]
+    conditions = in_order([*own[CONDITION]])
+    table = own.groupby(["parameter", CONDITION])["value"].agg(["mean", "sem", "count"])
+    signals = [name for name in "eux" if f"var_{name}_remnant" in table.index]
+    if not signals:
+        return None
+    with journal_figure(2.4) as figure:
+        panels = figure.subplots(1, len(signals), squeeze=False)[0]
+        for axes, name in zip(panels, signals, strict=True):
+            top = np.zeros(len(conditions))
+            for part, colour in zip(PARTS, COLOURS, strict=False):
+                if f"var_{name}_{part}" not in table.index:
+                    continue
+                parts = table.loc[f"var_{name}_{part}"].reindex(conditions)
+                axes.bar(conditions, parts["mean"], 0.7, bottom=top, color=colour, label=part)
+                top = top + parts["mean"].to_numpy()
+                axes.errorbar(
+                    conditions,
+                    top,
+                    _reach(parts),
+                    fmt="none",
+                    ecolor=INK,
+                    elinewidth=0.7,
+                    capsize=1.5,
+                )
+            unit = own.loc[own["parameter"] == f"var_{name}", "unit"].iloc[0]
+            axes.set_title(
+                with_unit(symbol(f"var_{name}"), unit_words(unit) or f"{name}²"), loc="left"
+            )
+            draw_grid(axes, "y")
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def _reach(own: DataFrame) -> FloatArray:
+    """Half of the 95 % interval of each mean; 0 of a single one."""
+    from scipy.stats import t
+
+    freedom = np.maximum(own["count"].fillna(0.0) - 1.0, 1.0)
+    return np.asarray(np.nan_to_num(t.isf(0.025, freedom) * own["sem"].to_numpy()))
+
+
+def responses_figure(responses: DataFrame) -> Figure | None:
+    """The group's frequency responses at the forcing lines, magnitude above phase, by channel.
+
+    Parameters
+    ----------
+    responses
+        Rows of one stratum that count: condition, channel, omega [rad/s], real, imag, std.
+
+    Notes
+    -----
+    The mean over subjects weighs a coefficient by its inverse variance, which is that of its own
+    error and of the subjects' scatter at the line together, so that one that is poorly known counts
+    little; bars are 95 % intervals.
+    """
+    if not len(responses):
+        return None
+    channels = [*dict.fromkeys(responses["channel"])]
+    with journal_figure(3.6) as figure:
+        panels = figure.subplots(2, len(channels), squeeze=False, sharex=True, height_ratios=(3, 2))
+        for (above, below), channel in zip(panels.T, channels, strict=True):
+            own = responses[responses["channel"] == channel]
+            conditions = in_order([*own[CONDITION]])
+            for place, condition in enumerate(conditions):
+                points = [
+                    (float(omega), *_weighted(of))
+                    for omega, of in own[own[CONDITION] == condition].groupby("omega")
+                ]
+                omega, mean, error = (np.array(column) for column in zip(*points, strict=True))
+                omega = np.real(omega) * (1.0 + 0.02 * (place - 0.5 * len(conditions)))
+                size, relative = np.abs(mean), np.minimum(error / np.abs(mean), 0.9)
+                look = {"fmt": "o", "color": COLOURS[place % len(COLOURS)], "markersize": 3.0}
+                above.errorbar(omega, size, size * relative, label=condition, **look)
+                phase = np.degrees(np.unwrap(np.angle(mean)))
+                below.errorbar(omega, phase, np.degrees(relative), **look)
+            above.set(xscale="log", yscale="log")
+            log_ticks(above, "x")
+            above.set_title(f"{channel} channel, magnitude", loc="left")
+            below.set_xlabel("frequency [rad/s]")
+            for axes in (above, below):
+                draw_grid(axes)
+        panels[1, 0].set_ylabel("phase [deg]")
+        figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center",
+                      ncols=8, frameon=False)  # fmt: skip
+    return figure
+
+
+def _weighted(of: DataFrame) -> tuple[complex, float]:
+    """Mean of coefficients weighted by their inverse variance, and half of its 95 % interval."""
+    from scipy.stats import t
+
+    values = of["real"].to_numpy() + 1j * of["imag"].to_numpy()
+    own = of["std"].to_numpy() ** 2
+    count = len(values)
+    middle = np.median(values.real) + 1j * np.median(values.imag)
+    between = max(float(np.median(np.abs(values - middle) ** 2 - own)), 0.0)
+    weights = 1.0 / (own + between + 1e-300)
+    mean = complex(np.sum(weights * values) / weights.sum())
+    if count == 1:
+        return mean, 1.96 * math.sqrt(0.5 * float(own[0]))
+    scatter = float(np.sum(weights * np.abs(values - mean) ** 2) / weights.sum()) / (count - 1)
+    claimed = 1.0 / float(weights.sum())
+    return mean, float(t.isf(0.025, count - 1) * math.sqrt(max(scatter, claimed) / 2.0))

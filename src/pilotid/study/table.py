@@ -1,0 +1,422 @@
+"""The table of a study: what a store keeps of each fit, and all of it as one frame."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from importlib.util import find_spec
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pilotid.study.scores import ALL, LOSS, loss_ratios, measured, score
+from pilotid.support.disk import table_bytes, write_file
+from pilotid.support.store import Key, Rows
+from pilotid.support.types import InputError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+LARGEST = 1e300  # number among the settings
+#: Facts on the draw of a population by which its recordings are divided: words, and numbers.
+WORDS = ("element", "remnant", "forcing")
+NUMBERS = ("remnant_level", "dt", "duration", "run_in", "runs")
+#: Columns of estimates.csv, as the frame calls them.
+ESTIMATES = {
+    **{n: n for n in ("scenario", "method", "replication", "outcome", "parameter", "truth")},
+    **{"value": "value", "std_error": "std_error", "lower": "lower_95", "upper": "upper_95"},
+    **{"seconds": "seconds", "bound": "crlb"},
+}
+#: Columns of summary.csv.
+SUMMARY = [
+    *("scenario", "method", "parameter", "n", "failures", "truth", "bias", "bias_se"),
+    *("bias_percent", "std", "rmse", "crlb", "mean_std_error", "coverage_95", "posterior_std"),
+    *LOSS,
+]
+#: Columns of population.csv.
+POPULATION = [
+    *("scenario", "method", "stratum", "value", "parameter", "recordings", "n"),
+    *("coverage_95", "coverage_se", "mean_z", "mean_z_se", "rms_z", "rms_z_se"),
+    *("rms_z_trimmed", "rms_z_trimmed_se", "beyond_3", "beyond_3_se"),
+    *("rmse_over_bound", "rmse_over_bound_se", "median_over_bound"),
+    *("failures", "not_applicable", "wrong_optima", "optima", *LOSS),
+]
+#: Which rows of a store are scenarios, methods and fits; that without names has the facts.
+SCENARIOS = "scenario != '' AND method = ''"
+METHODS = "scenario = '' AND method != ''"
+FITS = "scenario != '' AND method != ''"
+CELL = "scenario = ? AND method = ?"
+
+#: Parameter, unit, true value, Cramer-Rao bound, value, standard error, ends of the interval.
+Estimated = tuple[
+    str, str, float | None, float | None, float | None, float | None, float | None, float | None
+]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a fit gave; numbers are None where there are none.
+
+    Attributes
+    ----------
+    scenario, method, replication
+        What was fitted: name of the scenario, label of the method, which recording, from 0.
+    outcome, message, usable
+        How it ended, and whether the estimate counts.
+    vaf, iterations, seconds
+        See `pilotid.estimates.estimate.Estimate`.
+    posterior
+        Whether the standard errors are those of a posterior distribution.
+    excess
+        Of a fit to a recording of a population: the criterion over that of a search which
+        starts at the truth, where the method has one; see
+        `pilotid.estimates.method.Searching`.
+    remarks
+        What a user would have been told of the recording and of the estimate, on one line, see
+        `pilotid.study.run.told`; empty for nothing.
+    model, facts
+        The pilot's model, empty where it is not known what was drawn; of a population, words and
+        numbers on element, forcing, remnant and length, see `pilotid.study.run.facts_of`.
+    estimates
+        For each parameter key, unit, true value, bound on the standard deviation, value, standard
+        error, and the ends of the interval.
+    """
+
+    scenario: str
+    method: str
+    replication: int
+    outcome: str
+    message: str = ""
+    usable: bool = False
+    vaf: float | None = None
+    iterations: int = 0
+    seconds: float | None = None
+    posterior: bool = False
+    excess: float | None = None
+    remarks: str = ""
+    model: str = ""
+    facts: Mapping[str, str | float] = field(default_factory=dict)
+    estimates: tuple[Estimated, ...] = ()
+
+    @property
+    def key(self) -> Key:
+        """What tells it from others."""
+        return self.scenario, self.method, self.replication
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A scenario or a method as the store knows it.
+
+    Attributes
+    ----------
+    name
+        Name of the scenario, or label of the method.
+    position
+        Its place in tables and figures.
+    settings, code
+        All that defines it, as plain objects, and a digest of code of the user's own.
+    typed
+        What to type for it.
+    description, model, family, population
+        Of a scenario: what it is, names of its models, the family of scenarios that it belongs
+        to, and whether every replication has a pilot of its own.
+    remnant
+        The remnant's share of the control's power, None where that is not known.
+    """
+
+    name: str
+    position: int
+    settings: Mapping[str, Any]
+    code: str = ""
+    typed: str = ""
+    description: str = ""
+    model: str = ""
+    family: str = ""
+    population: bool = False
+    remnant: float | None = None
+
+    @property
+    def one_recording(self) -> bool:
+        """Whether all fits are of the same recording, so that means say nothing."""
+        return self.settings.get("one_recording") is True
+
+    def number(self, path: str) -> float:
+        """A number among the settings, such as ``remnant.level``; NaN if it is not there."""
+        held: Any = self.settings
+        for name in path.split("."):
+            held = held.get(name) if isinstance(held, Mapping) else None
+        is_number = isinstance(held, int | float) and not isinstance(held, bool)
+        return float(held) if is_number and abs(held) <= LARGEST else math.nan
+
+
+class Store(Rows):
+    """A study's rows in a folder; what is known already stays as it is."""
+
+    format = 9
+
+    def describe(self, about: Mapping[str, str]) -> None:
+        """Keep facts on the study."""
+        self.put(("", "", 0), {**self.about(), **about}, again=True)
+
+    def about(self) -> dict[str, str]:
+        """Facts on the study."""
+        facts: dict[str, str] = self.get(dict[str, str], ("", "", 0)) or {}
+        return dict(sorted(facts.items()))
+
+    def enter(self, scenarios: Iterable[Entry] = (), methods: Iterable[Entry] = ()) -> None:
+        """Keep what scenarios and methods are."""
+        for entry in scenarios:
+            self.put((entry.name, "", 0), asdict(entry))
+        for entry in methods:
+            self.put(("", entry.name, 0), asdict(entry))
+
+    def entries(self, which: str) -> dict[str, Entry]:
+        """Scenarios (`SCENARIOS`) or methods (`METHODS`) by name, in the catalogue's order."""
+        found = sorted(self.every(Entry, which), key=lambda entry: (entry.position, entry.name))
+        return {entry.name: entry for entry in found}
+
+    def add(self, fit: Fit) -> None:
+        """Keep a fit."""
+        self.put(fit.key, asdict(fit))
+
+    def fits(self) -> list[Fit]:
+        """All fits, in the order of their keys."""
+        return self.every(Fit, FITS)
+
+    def comparison(self) -> Comparison:
+        """All that it holds; fits of scenarios and methods that it does not know are left out."""
+        from pandas import concat
+
+        scenarios, methods = self.entries(SCENARIOS), self.entries(METHODS)
+        cells = (self.every(Fit, CELL, *pair) for pair in product(scenarios, methods))
+        frame = concat([frame_of(cell) for cell in cells if cell] or [frame_of([])])
+        frame = frame.reset_index(drop=True)
+        frame["population"] = frame.scenario.map({n: e.population for n, e in scenarios.items()})
+        present = set(frame.scenario), set(frame.method)
+        return Comparison(
+            frame,
+            {name: entry for name, entry in scenarios.items() if name in present[0]},
+            {name: entry for name, entry in methods.items() if name in present[1]},
+            self.about(),
+            self.path.parent,
+        )
+
+
+#: Columns of a frame that are the same for all parameters of a fit, and those that are not.
+OF_FIT = (
+    *("scenario", "method", "replication", "outcome", "message", "usable", "posterior"),
+    *("seconds", "excess", "remarks", "model"),
+)
+OF_PARAMETER = ("parameter", "unit", "truth", "bound", "value", "std_error", "lower", "upper")
+
+
+def frame_of(fits: Iterable[Fit]) -> DataFrame:
+    """Fits as a frame: a row for each parameter of each.
+
+    A fit of which it is not known what was drawn has one row, whose parameter is empty.
+    """
+    from pandas import DataFrame, to_numeric
+
+    columns = (*OF_FIT, *WORDS, *NUMBERS, *OF_PARAMETER)
+    nothing = (("", "", *(None,) * 6),)
+
+    def rows() -> Iterator[tuple[Any, ...]]:
+        for fit in fits:
+            own = tuple(getattr(fit, name) for name in OF_FIT)
+            drawn = tuple(fit.facts.get(name) for name in (*WORDS, *NUMBERS))
+            for known in fit.estimates or nothing:
+                yield *own, *drawn, *known
+
+    frame = DataFrame(list(rows()), columns=columns)
+    for name in (*NUMBERS, "seconds", "excess", *OF_PARAMETER[2:]):
+        numbers = to_numeric(frame[name], errors="coerce").astype(float)
+        frame[name] = numbers.where(np.isfinite(numbers))
+    frame["bound"] = frame.bound.where(frame.bound != 0.0)
+    return frame.drop_duplicates(["scenario", "method", "replication", "parameter"])
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """All fits of a study as a tidy frame, and what its scenarios and methods are.
+
+    Attributes
+    ----------
+    frame
+        A row for each scenario, method, replication and parameter: ``outcome``, ``message``,
+        ``usable``, ``posterior``, ``seconds``, ``excess``, ``remarks``, ``model``, facts on the
+        draw of a population, ``parameter``, ``unit``, ``truth``, ``bound``, ``value``,
+        ``std_error``, ``lower``, ``upper``; see `Fit`.
+    scenarios, methods
+        Those that have fits, by name or label, in the order of tables and figures.
+    about
+        Seed, code and versions.
+    folder
+        Where its store is.
+    """
+
+    frame: DataFrame = field(repr=False)
+    scenarios: Mapping[str, Entry]
+    methods: Mapping[str, Entry]
+    about: Mapping[str, str]
+    folder: Path
+
+    @cached_property
+    def measured(self) -> DataFrame:
+        """The frame with what scores are made of, see `pilotid.study.scores.measured`."""
+        return measured(self.frame)
+
+    @cached_property
+    def scores(self) -> DataFrame:
+        """Scores of all parameters and of each, see `pilotid.study.scores.score`."""
+        return score(self.measured)
+
+    @cached_property
+    def _cells(self) -> dict[tuple[str, str], tuple[DataFrame, DataFrame]]:
+        by = ["scenario", "method"]
+        whole = self.scores[self.scores.stratum == ALL]
+        own, of = (dict(iter(d.groupby(by, sort=False))) for d in (self.measured, whole))
+        return {cell: (own[cell], of[cell]) for cell in own}
+
+    def cell(self, scenario: str, method: str) -> DataFrame:
+        """The rows of `measured` of a method in a scenario; none if it was not tried there.
+
+        Parameters
+        ----------
+        scenario, method
+            Name of the scenario, label of the method.
+        """
+        return self._cells.get((scenario, method), (self.measured[:0],))[0]
+
+    def scored(self, scenario: str, method: str) -> DataFrame:
+        """Scores of a method over all recordings of a scenario, those of all parameters first.
+
+        Parameters
+        ----------
+        scenario, method
+            Name of the scenario, label of the method.
+        """
+        return self._cells.get((scenario, method), (self.scores[:0],))[-1]
+
+    def of(self, scenario: str) -> DataFrame:
+        """Scores over all parameters and recordings of a scenario, a row for each method."""
+        s = self.scores
+        found = s[(s.scenario == scenario) & (s.stratum == ALL) & (s.parameter == ALL)]
+        return found.set_index("method", drop=False)
+
+    def replications(self, scenario: str | None = None) -> int:
+        """Recordings of a scenario, or of that which has most."""
+        own = self.frame if scenario is None else self.frame[self.frame.scenario == scenario]
+        return int(own.replication.max()) + 1 if len(own) else 0
+
+    def to_dataframe(self, *, summary: bool = False) -> DataFrame:
+        """All estimates, or the scores, as estimates.csv and summary.csv have them.
+
+        Parameters
+        ----------
+        summary
+            A row for each scenario, method and parameter in place of one for each fit.
+        """
+        if not summary:
+            return self.frame[list(ESTIMATES)].rename(columns=ESTIMATES)
+        found = self.scores[self.scores.stratum == ALL]
+        every = found.parameter == ALL
+        found = found.assign(
+            n=found.n.where(~every, found.usable), failures=found.failures + found.not_applicable
+        )
+        # All parameters together stand behind each.
+        cell = found.groupby(["scenario", "method"], sort=False).ngroup()
+        order = found.assign(cell=cell, every=every).sort_values(["cell", "every"], kind="stable")
+        return order[SUMMARY].reset_index(drop=True)
+
+    def write(self, folder: Path) -> None:
+        """Write estimates and scores as CSV, numbers with as many digits as restore them.
+
+        scores.csv has all scores; summary.csv and population.csv, if there is a population, the
+        commonest of them.  results.parquet is the frame, where pyarrow is installed.
+        """
+        scores = self.scores.astype({"wrong_optima": object})
+        # Where no optimum is known, nobody can say how many are wrong.
+        scores["wrong_optima"] = scores.wrong_optima.where(scores.optima > 0)
+        drawn = scores.scenario.map({name: e.population for name, e in self.scenarios.items()})
+        tables = {
+            "summary.csv": self.to_dataframe(summary=True),
+            "estimates.csv": self.to_dataframe(),
+            "scores.csv": scores[POPULATION],
+            "population.csv": scores.loc[drawn, POPULATION],
+        }
+        for name, table in tables.items():
+            if len(table) or name != "population.csv":
+                rows = table.itertuples(index=False, name=None)
+                write_file(folder / name, table_bytes(list(table.columns), rows))
+        if find_spec("pyarrow"):
+            stream = io.BytesIO()
+            self.frame.to_parquet(stream, index=False)
+            write_file(folder / "results.parquet", stream.getvalue())
+
+
+def read_study(folder: Path) -> Comparison:
+    """The study that `pilotid compare` wrote to a folder."""
+    with Store(folder) as store:
+        return store.comparison()
+
+
+# ---------------------------------------------------------------------------- two studies
+
+
+def find_changes(first: Comparison, second: Comparison) -> tuple[DataFrame, list[str]]:
+    """Ratios of losses on the recordings that both studies have, and what is left out.
+
+    Parameters
+    ----------
+    first, second
+        The studies, in this order; the bounds of the first count.
+
+    Returns
+    -------
+    Scenario, method, parameter, and the loss in the second study over that in the first with its
+    95 % interval; and a sentence on each scenario that is left out.
+
+    Raises
+    ------
+    InputError
+        If the studies have no recordings in common.
+    """
+    from pandas import concat
+
+    seeds = [study.about.get("seed", "?") for study in (first, second)]
+    if seeds[0] != seeds[1]:
+        raise InputError(
+            f"{second.folder}: has the seed {seeds[1]} and other recordings than {first.folder} "
+            f"(seed {seeds[0]}); set the columns `loss` of both summary.csv side by side"
+        )
+    found, unlike = [], {}
+    for name, method in dict.fromkeys(zip(first.frame.scenario, first.frame.method, strict=True)):
+        ours, theirs = first.cell(name, method), second.cell(name, method)
+        if not len(theirs):
+            continue
+        if first.scenarios[name].settings != second.scenarios[name].settings:
+            unlike[name] = f"{name} is left out: its settings differ"
+        elif not _same_pilots(ours, theirs):
+            unlike[name] = f"{name} is left out: other pilots were drawn"
+        else:
+            ratios = loss_ratios(theirs, ours).rename_axis("parameter").reset_index()
+            found.append(ratios.assign(scenario=name, method=method))
+    if not found:
+        told = "; ".join(["", *unlike.values()])
+        raise InputError(f"{second.folder}: has no fits of the recordings of {first.folder}{told}")
+    return concat(found)[["scenario", "method", "parameter", *LOSS]], list(unlike.values())
+
+
+def _same_pilots(ours: DataFrame, theirs: DataFrame) -> bool:
+    """Whether recordings have the same pilots, but for the rounding of different processors."""
+    known = [side[side.model != ""] for side in (ours, theirs)]
+    shared = set(known[0].replication) & set(known[1].replication)
+    a, b = (side[side.replication.isin(shared)].reset_index() for side in known)
+    columns = ["replication", "parameter", "model"]
+    return a[columns].equals(b[columns]) and np.allclose(a.truth, b.truth, rtol=1e-6, atol=0.0)

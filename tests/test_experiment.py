@@ -1,0 +1,355 @@
+"""What follows from fits: contrasts, effects, what does not count, tables, figures."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import subprocess
+from collections.abc import Mapping, Sequence
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pandas import DataFrame, concat
+from scipy.stats import ttest_rel, wilcoxon
+from statsmodels.stats.anova import AnovaRM
+from statsmodels.stats.multitest import multipletests
+from statsmodels.stats.power import TTestPower
+
+from pilotid.estimates.quantities import SYMBOLS, symbol
+from pilotid.experiment.experiment import pairs_of
+from pilotid.experiment.figures import estimates_figure, responses_figure, variances_figure
+from pilotid.experiment.files import Part, with_factors
+from pilotid.experiment.fits import Fit, Fits, Settings, group_of
+from pilotid.experiment.report import means_tables, notable, tables_tex
+from pilotid.experiment.results import Results, planned, results_of
+from pilotid.experiment.statistics import anova, holm, paired, subjects_needed
+from pilotid.model_choice import Choice
+from pilotid.pilot.catalogue import MODELS
+from pilotid.support.types import InputError
+
+A = (1.1, 1.4, 0.9, 2.0, 1.3)
+B = (1.6, 1.5, 1.7, 2.1, 2.2)
+C = (0.6, 1.2, 0.4, 1.9, 1.0)
+TEXT = "dynamics=C1,C4:gain;C2,C5:single;C3,C6:double;motion=C1,C2,C3:off;C4,C5,C6:on"
+CONDITIONS = ("C1", "C2", "C3", "C4", "C5", "C6")
+#: What differs from a sound estimate, by subject and condition.
+Faults = Mapping[tuple[str, str], Mapping[str, object]]
+
+
+def parts_of(conditions: Sequence[str], subjects: int = 5, **fields: str) -> list[Part]:
+    return [
+        Part(
+            (Path(f"s{s}_{c}.mat"),),
+            (("subject", str(s)), ("condition", c), *fields.items()),
+        )
+        for s, c in product(range(1, subjects + 1), conditions)
+    ]
+
+
+def made(
+    columns: Mapping[str, Sequence[float]],
+    faults: Faults | None = None,
+    *,
+    key: str = "tlead",
+    pairs: Sequence[tuple[str, str]] = (),
+    factors: str | None = None,
+    keep_all: bool = False,
+) -> Results:
+    """Results of one named model whose estimates are given by condition and subject."""
+    parts = parts_of([*columns], len(next(iter(columns.values()))))
+    parts, levels = with_factors(parts, factors)
+    settings = Settings(
+        {"single": MODELS["single"]}, False, {}, pairs=pairs, factors=levels, keep_all=keep_all
+    )
+    looks, fits = {}, []
+    for part in parts:
+        subject, condition = part.field("subject"), part.field("condition")
+        own = dict((faults or {}).get((subject, condition), {}))
+        value = columns[condition][int(subject) - 1]
+        told = own.get("recording", [])
+        looks[part] = {
+            "recording": {"runs": 1},
+            "remarks": told,
+            "candidates": [],
+            "performance": [],
+        }
+        row = [key, "s", value, 0.1, value - 0.2, value + 0.2, "why" not in own, own.get("why", "")]
+        estimate = {
+            "method": "mle", "outcome": "converged", "usable": True, "vaf": 90.0, "remarks": [],
+            "parameters": [row], "loops": [], "loop_remarks": [], **own,
+        }  # fmt: skip
+        content = {"model": "single", "element": "", "estimates": [estimate], "responses": []}
+        if "absent" not in own:
+            fits.append(Fit(part, None, content))
+    choices = {group_of(part): Choice("single", "") for part in parts}
+    return results_of(Fits(settings, looks, choices, {}, fits, (), ()))
+
+
+def test_a_contrast_is_the_paired_t_test() -> None:
+    (found,) = made({"C1": A, "C2": B}).contrasts.to_dict("records")
+    known = ttest_rel(B, A)
+    assert (found["condition_a"], found["condition_b"], found["subjects"]) == ("C1", "C2", 5)
+    assert (found["t"], found["freedom"], found["p"], found["p_holm"]) == pytest.approx(
+        (known.statistic, 4, known.pvalue, known.pvalue)
+    )
+    low, high = known.confidence_interval(0.95)
+    assert (found["lower_95"], found["upper_holm_95"]) == pytest.approx((low, high))
+    assert found["wilcoxon_p"] == wilcoxon(np.subtract(B, A)).pvalue
+    assert found["notes"] == ""
+
+
+def test_pairs_are_all_or_those_that_differ_in_one_factor_or_those_named() -> None:
+    columns = {c: [v + k for v in A] for k, c in enumerate(CONDITIONS)}
+    rng = np.random.default_rng(1)
+    columns = {c: (np.array(own) + rng.normal(size=5)).tolist() for c, own in columns.items()}
+    assert len(made(columns).contrasts) == 15
+    found = made(columns, factors=TEXT).contrasts
+    assert len(found) == 9
+    assert ("C1", "C6") not in {*zip(found["condition_a"], found["condition_b"], strict=True)}
+    corrected = multipletests(found["p"], method="holm")[1]
+    assert found["p_holm"].to_numpy() == pytest.approx(corrected)
+    holds = (found["lower_holm_95"] <= 0.0) & (found["upper_holm_95"] >= 0.0)
+    assert (holds == (found["p_holm"] >= 0.05)).all()
+    (own,) = made(columns, pairs=[("C3", "C1")]).contrasts.to_dict("records")
+    assert own["difference"] == pytest.approx(np.mean(columns["C1"]) - np.mean(columns["C3"]))
+
+
+@pytest.mark.parametrize(
+    ("fault", "why"),
+    [
+        ({"why": "at its bound"}, "tlead at its bound"),
+        ({"why": "not determined"}, "tlead not determined"),
+        ({"usable": False, "outcome": "died"}, "tlead died"),
+        ({"remarks": [("little-explained", "a", "wrong")]}, "tlead little-explained"),
+        ({"loop_remarks": [("unstable-loop", "a", "wrong")]}, "tlead unstable-loop"),
+        ({"recording": [("lost-samples", "a", "wrong")]}, "tlead lost-samples"),
+        ({"absent": True}, "no recording"),
+    ],
+)
+def test_what_is_not_determined_or_wrong_does_not_count(
+    fault: Mapping[str, object], why: str
+) -> None:
+    faults = {("4", "C2"): fault}
+    results = made({"C1": A, "C2": B}, faults)
+    (found,) = results.contrasts.to_dict("records")
+    assert found["notes"] == f"n = 4 of 5: subject 4, {why} in C2"
+    keep = [0, 1, 2, 4]
+    known = ttest_rel(np.array(B)[keep], np.array(A)[keep])
+    assert found["t"] == pytest.approx(known.statistic)
+    kept = made({"C1": A, "C2": B}, faults, keep_all=True).contrasts["subjects"].item()
+    assert kept == (4 if "usable" in fault or "absent" in fault else 5)
+    (table,) = means_tables(results)
+    assert ("n = 4" in table.rows[0][3]) == ("absent" not in fault)
+
+
+def test_a_parameter_that_runs_away_in_one_subject_of_nine_moves_no_mean() -> None:
+    """Over 200 experiments the mean is within 1 of its errors as often as Student's t says."""
+    rng, inside = np.random.default_rng(5), []
+    for _ in range(200):
+        before, after = 1.0 + 0.2 * rng.normal(size=(2, 9)) + [[0.0], [0.5]]
+        after[3] = 94.5
+        columns = {"C1": before.tolist(), "C2": after.tolist()}
+        (own,) = made(columns, {("4", "C2"): {"why": "not determined"}}).contrasts.to_dict(
+            "records"
+        )
+        inside.append(abs(own["difference"] - 0.5) < own["std_error"])
+    assert np.mean(inside) == pytest.approx(0.653, abs=3.0 * np.sqrt(0.653 * 0.347 / 200))
+
+
+def test_what_cannot_be_tested_is_a_row_that_says_so() -> None:
+    (same,) = made({"C1": (0.1, 0.2, 0.3), "C2": (0.4, 0.5, 0.6)}).contrasts.to_dict("records")
+    assert same["std_error"] == 0.0
+    assert math.isnan(same["t"])
+    assert same["notes"].endswith("no test")
+    (one,) = made({"C1": A[:1], "C2": B[:1]}).contrasts.to_dict("records")
+    assert (one["subjects"], one["difference"]) == (1, 0.5)
+
+
+@pytest.mark.parametrize("pair", [("C1", "C7"), ("C1", "C1"), ("tlead", "C1"), ("tlead", "tlag")])
+def test_senseless_pairs_are_refused(pair: tuple[str, str]) -> None:
+    with pytest.raises(InputError, match=":".join(pair)):
+        made({"C1": A, "C2": B}, pairs=[pair])
+    with pytest.raises(InputError, match="--contrast"):
+        pairs_of([f"{pair[0]}:"])
+
+
+def test_holm_and_effect_size_by_hand() -> None:
+    assert holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    corrected = holm(np.array([0.02, math.nan, 0.01]))
+    assert corrected[0::2] == pytest.approx([0.02, 0.02])
+    assert math.isnan(corrected[1])
+    # Hedges' J(2) = gamma(1) / (1 * gamma(.5)).
+    own = paired(np.zeros(3), np.array([-2.0, 2.0, 6.0]))
+    assert own["effect_size"] == pytest.approx(0.5 / math.sqrt(math.pi))
+    robust = paired(np.zeros(6), np.array([0.9, 1.1, 1.0, 1.2, 0.8, 30.0]))["robust_difference"]
+    assert 0.9 < robust < 1.3
+
+
+def test_effects_are_those_of_statsmodels_and_epsilon_is_boxs() -> None:
+    rng = np.random.default_rng(2)
+    effect = np.array([0.0, 0.5, 1.5, 0.2, 1.2, 2.9])
+    values = effect + rng.normal(size=(7, 1)) + rng.normal(size=(7, 6)) * [1, 2, 1, 1, 3, 1]
+    found = made(dict(zip(CONDITIONS, values.T.tolist(), strict=True)), factors=TEXT).factors
+    cells = [(s, *cell) for s, *cell in product(range(7), ("off", "on"), "abc")]
+    frame = DataFrame(cells, columns=["person", "motion", "dynamics"]).assign(value=values.ravel())
+    known = AnovaRM(frame, "value", "person", ["dynamics", "motion"]).fit().anova_table
+    assert list(found["effect"]) == list(known.index)
+    assert found[["F", "df1", "df2", "p"]].to_numpy(float) == pytest.approx(
+        known[["F Value", "Num DF", "Den DF", "Pr > F"]].to_numpy()
+    )
+    covariance = np.cov(values[:, 3:] - values[:, :3], rowvar=False)
+    centre = np.eye(3) - 1.0 / 3.0
+    box = centre @ covariance @ centre
+    own = found.set_index("effect")["epsilon"]
+    assert own["dynamics:motion"] == pytest.approx(np.trace(box) ** 2 / (2.0 * np.sum(box**2)))
+    assert own["motion"] == pytest.approx(1.0)
+    # Winer, Statistical Principles in Experimental Design (1962), the drugs of table 4.3-1.
+    drugs = np.array([[30, 28, 16, 34], [14, 18, 10, 22], [24, 20, 18, 30], [38, 34, 20, 44],
+                      [26, 28, 14, 30.0]])  # fmt: skip
+    assert anova(drugs, ["drug"])["drug"]["F"] == pytest.approx(24.76, abs=0.005)
+    assert anova(np.ones((3, 2)), ["none"]) == {}
+
+
+def test_factors_take_whole_subjects_and_are_not_tested_on_few() -> None:
+    columns = {c: [v + k * v for v in A] for k, c in enumerate(CONDITIONS)}
+    one = made(columns, {("3", "C5"): {"why": "not determined"}}, factors=TEXT).factors
+    assert {*one["subjects"]} == {4}
+    assert one["notes"].str.contains("subject 3, C5").all()
+    out = {(s, "C5"): {"why": "not determined"} for s in "345"}
+    (few,) = made(columns, out, factors=TEXT).factors.to_dict("records")
+    assert math.isnan(few["F"])
+    assert few["notes"].startswith("not tested")
+
+
+def test_factors_are_a_text_a_file_or_fields(tmp_path: Path) -> None:
+    _, known = with_factors(parts_of(CONDITIONS), TEXT)
+    assert known is not None
+    path = tmp_path / "factors.csv"
+    path.write_text(known.rename_axis("condition").to_csv(), encoding="utf-8")
+    _, read = with_factors(parts_of(CONDITIONS), str(path))
+    assert read is not None
+    assert read.to_dict("index") == known.to_dict("index")
+    files = [
+        Part((Path(f"{s}{m}{d}"),), (("subject", s), ("motion", m), ("d", d)))
+        for s, m, d in product("12", ("off", "on"), "ab")
+    ]
+    parts, levels = with_factors(files, "motion,d")
+    assert levels is not None
+    assert {part.field("condition") for part in parts} == {"off, a", "off, b", "on, a", "on, b"}
+    assert levels.loc["on, a"].to_dict() == {"motion": "on", "d": "a"}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "names no factor"),
+        ("motion", "must be FACTOR"),
+        ("motion=C1,C2", "must be FACTOR"),
+        ("motion=:off;C2:on", "must be FACTOR"),
+        ("motion=C1:off;C9:on", "condition C9"),
+        ("motion=C1,C2:off", "one level only"),
+        ("motion=C1:off;C1:on", "must be FACTOR"),
+        ("motion=C1,C2:off;C3:on", "each combination"),
+        ("motion=C1,C3:off;C2:on;gain=C1,C2:low;C3:high", "each combination"),
+        ("motion=C1,C3:off;C2,C4:on;gain=C1,C2:low;C3:high", "C4 has no level of gain"),
+        ("missing.csv", "there is no such file"),
+    ],
+)
+def test_factors_that_make_no_sense_are_refused(text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        with_factors(parts_of(CONDITIONS), text)
+
+
+def test_subjects_needed_are_those_of_the_noncentral_t() -> None:
+    for effect in (0.3, 0.5, 1.0):
+        known = TTestPower().solve_power(effect, alpha=0.05, power=0.8)
+        assert subjects_needed(effect, 0.8) == math.ceil(known)
+    assert subjects_needed(1e-3, 0.8) is None
+    own = planned(made({"C1": A, "C2": B})).to_dict("records")[0]
+    spread = np.std(np.subtract(B, A), ddof=1) / np.mean([A, B])
+    assert own["spread"] == pytest.approx(spread)
+    assert own["subjects"] == subjects_needed(0.15 / spread, 0.8)
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="there is no pdflatex")
+def test_every_table_compiles(tmp_path: Path) -> None:
+    for key in (*SYMBOLS, r"50%_$x$ {\bad} #1 ^2 ~ <&>|"):
+        text = tables_tex(made({"C_1 & 50 %": A, "C#2^~": B}, key=key))
+        (tmp_path / "tables.tex").write_text(text, encoding="utf-8")
+    (tmp_path / "paper.tex").write_text(
+        r"\documentclass{article}\usepackage{booktabs,longtable}\begin{document}\input{tables}\end{document}"
+    )
+    command = ["pdflatex", "-halt-on-error", "-interaction=nonstopmode", "paper.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stdout.decode(errors="replace")[-2000:]
+
+
+def test_tables_for_papers_have_means_differences_and_effects() -> None:
+    columns = {c: [v + k * v for v in A] for k, c in enumerate(CONDITIONS)}
+    text = tables_tex(made(columns, factors=TEXT))
+    assert text.count(r"\begin{longtable}") == 3
+    assert "$T_L$ & s & $1.34$ ($0.42$)" in text
+    assert "motion & $5$" in text
+    assert len(notable(made({"C1": A, "C2": B}))[0]) == 1
+
+
+def test_figures_hold_what_counts() -> None:
+    results = made({"C1": A, "C2": B, "C3": C}, {("4", "C2"): {"why": "not determined"}})
+    ((_, own),) = results.groups()
+    drawn = estimates_figure(own)
+    assert drawn is not None
+    points = [
+        line.get_xdata().size for line in drawn.axes[0].get_lines() if line.get_marker() == "o"
+    ]
+    assert sum(points) == 14
+    more = own[own["subject"] != "1"].assign(parameter="tlag")
+    assert estimates_figure(concat([own, more])) is not None
+    assert estimates_figure(own[own["left_out"] != ""]) is None
+    rows = [
+        (f"var_e{part}", c, s, "deg^2", scale * (1.0 + 0.1 * s), "")
+        for part, scale in (("", 3.0), ("_target", 1.0), ("_remnant", 2.0))
+        for c, s in product(("C1", "C2"), range(3))
+    ]
+    frame = DataFrame(
+        rows, columns=["parameter", "condition", "subject", "unit", "value", "left_out"]
+    )
+    bars = variances_figure(frame)
+    assert bars is not None
+    heights = [patch.get_height() for patch in bars.axes[0].patches]
+    assert sum(heights) == pytest.approx(2 * 3.3)
+    assert variances_figure(frame[frame["parameter"] == "var_e"]) is None
+
+
+def test_a_coefficient_that_is_poorly_known_weighs_little() -> None:
+    rows = [("C1", "visual", w, 1.0 + 0.1 * s, 0.0, 0.1) for w, s in product((0.5, 5.0), range(4))]
+    rows.append(("C1", "visual", 5.0, 40.0, 0.0, 30.0))
+    columns = ["condition", "channel", "omega", "real", "imag", "std"]
+    drawn = responses_figure(DataFrame(rows, columns=columns))
+    assert drawn is not None
+    line = next(own for own in drawn.axes[0].get_lines() if own.get_marker() == "o")
+    assert np.asarray(line.get_ydata()) == pytest.approx([1.15, 1.15], abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("key", "shown"),
+    [
+        ("Kvis", "$K_v$"),
+        ("tlead2", "$T_{L,2}$"),
+        ("Kvis*tlead", r"$K_v\,T_L$"),
+        ("tlead2 - tlead1", "$T_{L,2} - T_{L,1}$"),
+        ("var_e_target", r"$\sigma^2_{e,t}$"),
+        ("rad/s", "rad/s"),
+        ("C1:C2", "C1:C2"),
+        ("own_gain", "own_gain"),
+        ("", ""),
+    ],
+)
+def test_symbols(key: str, shown: str) -> None:
+    assert symbol(key) == shown
+
+
+def test_every_parameter_of_the_catalogue_has_a_symbol() -> None:
+    keys = {key for model in MODELS.values() if not model.changes for key in model.keys}
+    assert {key for key in keys if not symbol(key).startswith("$")} == set()
