@@ -97,7 +97,7 @@ def test_the_first_recording_of_nominal_is_no_accident_of_one_in_14000() -> None
     recording = simulate(SCENARIOS["nominal"], recording_rng(1, "nominal", 0))
     tested = identify(method_named("mle"), recording, MODELS["multi"], rng).specification
     assert tested is not None
-    assert ESTIMATE.surely_misspecified < tested.p_value < 0.01
+    assert ESTIMATE.misspecified < tested.p_value < 0.01
 
 
 def test_the_level() -> None:

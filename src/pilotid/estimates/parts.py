@@ -262,11 +262,10 @@ def score_test(score: FloatArray, shares: FloatArray, against: str) -> Specifica
     """
     from scipy.special import fdtrc
 
-    # What the estimate has made use of scatters by less than its share, the rest by all of it; and
-    # the covariance is itself an estimate, so that no direction scatters by less than a part.
-    part, (low, high) = ESTIMATE.covariance, ESTIMATE.shares
-    rise = np.clip((shares - low) / (high - low), 0.0, 1.0)
-    scatter = part + (1.0 - part) * rise**2 * (3.0 - 2.0 * rise)
+    # What the estimate has made use of scatters by less than its share; and the covariance is
+    # itself an estimate, so that no direction scatters by less than a certain part.
+    part = ESTIMATE.covariance
+    scatter = part + (1.0 - part) * np.clip(shares, 0.0, 1.0) ** 2
     statistic = float(np.sum(score**2 / scatter))
     if not math.isfinite(statistic):
         return None

@@ -103,15 +103,14 @@ class EstimateLimits(NamedTuple):
     #: How seldom chance may speak against a fit, by each test of prediction errors: once in
     #: 14,000 recordings.
     seldom: float = 7e-5
-    misspecified: float = 5e-3  # p-value: doubt (9 of 1,199 sound fits)
+    misspecified: float = 1e-3  # p-value: doubt (5 of 800 sound fits)
     other_optimum: float = 3.0  # standard errors by which another optimum differs
-    surely_misspecified: float = 2e-4  # p-value: wrong (2 of 1,199 sound fits)
+    surely_misspecified: float = 1e-4  # p-value: wrong (2 of 800 sound fits)
     #: s of all runs together from which it is tested; covariances are not good enough of less
     #: (30 s: 12 % of 120 sound fits disagreed; populations of 60 s and more: 2 of 480).
     tested_from: float = 60.0
-    score_freedom: float = 20.0  # of the variances of scores (1,199 sound fits)
-    covariance: float = 0.1  # least variance of a score in units of its own (1,199 sound fits)
-    shares: tuple[float, float] = (0.3, 0.6)  # left, between which it rises from the least to 1
+    score_freedom: float = 30.0  # of the variances of scores (800 sound fits)
+    covariance: float = 0.12  # least variance of a score in units of its own (360 sound fits)
     dispersed: float = 0.01  # how seldom a constant pilot's scores may count as dispersed
     segment: float = 8.0  # s, of the segments whose scores are compared
     lags: int = 40  # samples of the band over which prediction errors must not be correlated
