@@ -124,6 +124,10 @@ def test_heavy_libraries_wait_until_they_are_used(statement: str) -> None:
     assert_light(statement, HEAVY)
 
 
+def test_checks_of_settings_and_notes_wait_until_there_are_any() -> None:
+    assert_light("import pilotid.cli.main, pilotid.recordings.files", ["pydantic"])
+
+
 @pytest.mark.parametrize("command", ["check", "fit"])
 def test_heavy_libraries_are_for_what_is_asked(command: str, tmp_path: Path) -> None:
     recording = tmp_path / "one.csv"

@@ -31,7 +31,7 @@ from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with, save_recording
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.sidecar import sidecar_path
+from pilotid.recordings.windows import sidecar_path
 from pilotid.support.disk import require_free, strict_json, write_file
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.support.remarks import OF_STICK, codes_in

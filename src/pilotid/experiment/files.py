@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.sidecar import sidecar_path
-from pilotid.recordings.windows import file_of, of_runs, stem_of
+from pilotid.recordings.windows import file_of, of_runs, sidecar_path, stem_of
 from pilotid.support.disk import require_file
 from pilotid.support.types import InputError
 

@@ -19,15 +19,18 @@ from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 from subprocess import PIPE
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from pilotid.recordings import roles
 from pilotid.recordings.roles import shown
-from pilotid.recordings.sidecar import Sidecar, parsed, read_sidecar, sidecar_path
+from pilotid.recordings.windows import sidecar_path
 from pilotid.support.disk import require_file
 from pilotid.support.types import InputError
+
+if TYPE_CHECKING:
+    from pilotid.recordings.sidecar import Sidecar
 
 LARGEST_FILE = 2**32  # bytes
 #: It lives for a minute after it was asked last.
@@ -76,6 +79,8 @@ def read_arrays(path: Path, source: str, ask: roles.Request) -> roles.Found:
     InputError
         If the file cannot be used; the message names the variable.
     """
+    from pilotid.recordings.sidecar import read_sidecar
+
     with _opened(path, source) as variables:
         beside = path.suffix.lower() != ".mat" and sidecar_path(path).exists()
         notes = read_sidecar(path) if beside else _notes(variables, source)
@@ -247,6 +252,8 @@ def _value(entry: Any, kind: str, field: str) -> Any:
 
 def _notes(variables: Variables, source: str) -> Sidecar:
     """The notes in the struct of that name; none if there is none."""
+    from pilotid.recordings.sidecar import parsed
+
     plain: dict[str, Any] = {}
     for name, value in variables.items():
         root, *path = name.split(".")

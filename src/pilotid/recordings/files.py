@@ -24,12 +24,12 @@ from pilotid.recordings.roles import (
     shown,
     signal_places,
 )
-from pilotid.recordings.sidecar import parsed, sidecar_path
 from pilotid.recordings.table import read_table
 from pilotid.recordings.windows import (
     chosen_runs,
     file_and_parts,
     file_of,
+    sidecar_path,
     span_of,
     spanned,
     whole_periods,
@@ -259,6 +259,8 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     InputError
         If the format is unknown or the file cannot be written.
     """
+    from pilotid.recordings.sidecar import parsed
+
     source = path_shown(path)
     file = Path(path)
     is_csv = _suffix(file, source, WRITTEN) == ".csv"

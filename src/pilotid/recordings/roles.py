@@ -5,13 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from pilotid.recordings.recording import SIGNALS, factor_of, is_unit, require_extra_name
-from pilotid.recordings.sidecar import Sidecar
 from pilotid.support.types import FloatArray, InputError
+
+if TYPE_CHECKING:
+    from pilotid.recordings.sidecar import Sidecar
 
 NAMES = {"t": "time", **SIGNALS}
 UNEVENNESS = 0.1  # of a sampling interval: time stamps rounded to milliseconds pass at 100 Hz

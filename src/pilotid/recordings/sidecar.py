@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from pilotid.recordings.recording import SIGNALS
+from pilotid.recordings.windows import sidecar_path
 from pilotid.support.disk import path_shown, require_file
 from pilotid.support.types import InputError
 
@@ -82,11 +83,6 @@ def parsed(raw: object, where: str) -> Sidecar:
             "correct it or leave it out"
         )
     return found
-
-
-def sidecar_path(path: Path) -> Path:
-    """The notes beside a file: F.json for F.csv."""
-    return path.with_suffix(".json")
 
 
 def read_sidecar(file: Path, comments: Iterable[str] = (), *, timed: bool = False) -> Sidecar:

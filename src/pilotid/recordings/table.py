@@ -18,7 +18,6 @@ import numpy as np
 from pilotid.recordings import roles
 from pilotid.recordings.recording import is_unit
 from pilotid.recordings.roles import bare, shown
-from pilotid.recordings.sidecar import read_sidecar
 from pilotid.support.disk import require_file
 from pilotid.support.types import FloatArray, InputError
 
@@ -49,6 +48,8 @@ def read_table(path: Path, source: str, ask: roles.Request) -> roles.Found:
     OSError
         If the file cannot be read.
     """
+    from pilotid.recordings.sidecar import read_sidecar
+
     require_file(path, LARGEST_FILE)
     if ask.part:
         raise InputError(

@@ -162,6 +162,11 @@ def file_of(path: str | os.PathLike[str]) -> Path:
     return file_and_parts(path)[0]
 
 
+def sidecar_path(path: Path) -> Path:
+    """The notes beside a file: F.json for F.csv."""
+    return path.with_suffix(".json")
+
+
 def stem_of(path: str | os.PathLike[str]) -> str:
     """The name of a recording: that of its file without the suffix, and of the part."""
     file, parts = file_and_parts(path)
