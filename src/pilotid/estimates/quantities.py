@@ -187,7 +187,7 @@ def abreast(width: int) -> int:
 
 
 @dataclass(frozen=True)
-class Sampled(Quantity):
+class PosteriorQuantity(Quantity):
     """A quantity's posterior: mean, standard deviation and equal-tailed interval.
 
     Attributes
@@ -217,7 +217,7 @@ def sampled(
     effective: float = math.nan,
     r_hat: float = math.nan,
     positive: bool = False,
-) -> Sampled:
+) -> PosteriorQuantity:
     """The posterior of a quantity, `positive` or not, from its draws, shape (draws,)."""
     own = np.full(values.size, 1.0 / values.size) if weights is None else weights
     mean, (low, high) = float(own @ values), equal_tailed_interval(values, own).tolist()
@@ -225,7 +225,7 @@ def sampled(
     densest = shortest_interval(values, own)
     known = not (positive and spans_decade(low, high))
     ends = float(densest[0]), float(densest[1])
-    return Sampled(key, unit, mean, error, low, high, known, ends, effective, r_hat)
+    return PosteriorQuantity(key, unit, mean, error, low, high, known, ends, effective, r_hat)
 
 
 #: Gain and lead time of the visual channel are correlated at about -0.99; their product, the
@@ -245,7 +245,7 @@ def _combined(keys: tuple[str, ...]) -> Iterator[tuple[str, int, int, bool]]:
             yield key, keys.index(first), keys.index(second), "+" in key
 
 
-def combined_by_draws(draws: Draws) -> list[Sampled]:
+def combined_by_draws(draws: Draws) -> list[PosteriorQuantity]:
     """Posteriors of the products and sums."""
     found = []
     for key, i, j, summed in _combined(draws.keys):

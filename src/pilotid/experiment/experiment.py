@@ -18,7 +18,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.windows import span_of
 from pilotid.study.study import about_this
-from pilotid.support.disk import require_folder, table_bytes, write_file
+from pilotid.support.disk import frame_bytes, require_folder, write_file
 from pilotid.support.format import Table, as_text
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.remarks import codes_in
@@ -79,8 +79,7 @@ class Experiment:
         for name in TABLES:
             frame = self.to_dataframe(name)
             if len(frame) or name in TABLES[:4]:
-                rows = frame.astype(object).where(frame.notna(), "").to_numpy().tolist()
-                write_file(self.folder / f"{name}.csv", table_bytes([*frame], rows))
+                write_file(self.folder / f"{name}.csv", frame_bytes(frame))
         text = tables_tex(self.results, command)
         write_file(self.folder / TEX, text.encode("utf-8", "replace"))
         about = about_this(self.results.fits.settings.seed)

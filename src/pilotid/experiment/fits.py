@@ -352,7 +352,7 @@ def _loops(loops: Loops) -> list[list[object]]:
 
 
 def _row(q: Quantity, why: str = "") -> list[object]:
-    why = why or "" if q.determined else why or "not determined"
+    why = why or ("" if q.determined else "not determined")
     numbers = (q.value, q.std_error, q.lower, q.upper)
     return [q.key, q.unit, *numbers, q.determined, why]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from pilotid.estimates.draws import SHARE, Draws
 from pilotid.estimates.loops import COUNT, SampledLoop, sampled_loops
-from pilotid.estimates.quantities import Sampled, combined_by_draws, sampled
+from pilotid.estimates.quantities import PosteriorQuantity, combined_by_draws, sampled
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.posterior.likelihood import Marginal
@@ -93,7 +93,7 @@ def predictive_band(draws: Draws, likelihood: Marginal, rng: np.random.Generator
 BLOCK = 8  # parameter sets simulated at once
 
 
-def sampled_parameters(draws: Draws, model: PilotModel) -> list[Sampled]:
+def sampled_parameters(draws: Draws, model: PilotModel) -> list[PosteriorQuantity]:
     """The sampled parameters, the remnant's last."""
     units = {p.key: p.unit for p in model.parameters} | {"frequency": "rad/s"}
     return [
@@ -115,7 +115,7 @@ def derived(
     model: PilotModel,
     recording: Recording,
     element: ControlledElement | None,
-) -> list[Sampled]:
+) -> list[PosteriorQuantity]:
     """Products and sums of parameters, the VAF, and loop margins if the element is known."""
     result = combined_by_draws(draws)
     some = draws.equally_weighted(COUNT)[:, : len(model.parameters)]
@@ -137,7 +137,9 @@ def vafs(recording: Recording, model: PilotModel, values: FloatArray) -> FloatAr
     return np.asarray(np.maximum(0.0, 100.0 * (1.0 - left / spread)))
 
 
-def _margins(draws: Draws, model: PilotModel, element: ControlledElement) -> Sequence[Sampled]:
+def _margins(
+    draws: Draws, model: PilotModel, element: ControlledElement
+) -> Sequence[PosteriorQuantity]:
     quantities = []
     for loop in _sampled(draws, model, element):
         quantities += [

@@ -10,7 +10,7 @@ import numpy as np
 
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.quantities import UNDETERMINED, Sampled
+from pilotid.estimates.quantities import UNDETERMINED, PosteriorQuantity
 from pilotid.pilot.element import ControlledElement
 from pilotid.posterior.predictive import PredictiveBand
 from pilotid.report.fit import figures_of, words_of
@@ -31,7 +31,7 @@ AGREE, ENOUGH = 1.01, 400.0
 OF_FITS = ("describing-function", "open-loop", "remnant", "residual-tests")
 
 
-def quantity_table(quantities: Sequence[Sampled]) -> Table:
+def quantity_table(quantities: Sequence[PosteriorQuantity]) -> Table:
     """A row for each quantity."""
 
     def ends(low: float, high: float, error: float) -> str:
@@ -59,7 +59,7 @@ def quantity_table(quantities: Sequence[Sampled]) -> Table:
 
 def print_posterior(
     fit: Fitted,
-    quantities: Sequence[Sampled] = (),
+    quantities: Sequence[PosteriorQuantity] = (),
     predictive: PredictiveBand | None = None,
     notes: Sequence[str] = (),
 ) -> None:
@@ -80,7 +80,7 @@ def print_posterior(
 def write_posterior(
     folder: Path,
     fit: Fitted,
-    quantities: Sequence[Sampled],
+    quantities: Sequence[PosteriorQuantity],
     predictive: PredictiveBand,
     element: ControlledElement | None = None,
     notes: Sequence[str] = (),

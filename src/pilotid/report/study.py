@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -24,7 +23,6 @@ from pilotid.report.study_tables import (
     failure_table,
     key_of,
     loss_of,
-    loss_ratio,
     matrices,
     mean_loss,
     ranked,
@@ -36,7 +34,7 @@ from pilotid.report.study_tables import (
     trust_table,
     verdict,
 )
-from pilotid.study.judge import LIMITS, USABLE, fails_often, sentence
+from pilotid.study.judge import LIMITS, USABLE, is_ranked, sentence
 from pilotid.study.scores import ALL, EFFICIENT, loss_text
 from pilotid.study.table import Comparison, Entry
 from pilotid.support.disk import write_file
@@ -138,7 +136,7 @@ def overview(
     shown = names if len(names) <= OPEN else [_reference(names)]
     words = [answer(study, name) for name in shown]
     rankings = [ranking(study, name) for name in shown]
-    if prior := [f"`{m}`" for m, entry in study.methods.items() if "prior" in entry.settings]:
+    if prior := [f"`{m}`" for m, entry in study.methods.items() if entry.uses_prior]:
         words.append(
             f"* {', '.join(prior)} use prior knowledge: the range that parameters of pilots "
             "usually have. `bayes(prior=3)` has priors three times as wide."
@@ -176,7 +174,7 @@ def _reference(names: Sequence[str]) -> str:
 def answer(study: Comparison, name: str) -> str:
     """Which method to take in a scenario, how much better it is than the next, which to avoid."""
     every = ranked(study, name)
-    order = [row for row in every if math.isfinite(row.loss) and not fails_often(row)]
+    order = [row for row in every if is_ranked(row)]
     if not order:
         return f"On `{name}` no method can be ranked: none gives intervals and seldom fails."
     best, *others = order
@@ -188,7 +186,7 @@ def answer(study: Comparison, name: str) -> str:
             f"On `{name}` no method is good enough: `{best.method}`, the best, is poor, with a "
             f"loss of {loss}."
         )
-    ratios = {row.method: loss_ratio(study, row, best) for row in others}
+    ratios = {row.method: study.ratio(name, row.method, best.method) for row in others}
     alike = [method for method, (_, low, high) in ratios.items() if low <= 1.0 <= high]
     if alike:
         listed = ", ".join(f"`{method}`" for method in alike)

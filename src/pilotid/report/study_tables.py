@@ -10,11 +10,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from pilotid.estimates.estimate import Outcome
-from pilotid.study.judge import EFFICIENT, USABLE, Verdict, fails_often, judge, worst_parameter
-from pilotid.study.scores import ALL, LOSS, loss_ratios, loss_text
+from pilotid.study.judge import (
+    EFFICIENT,
+    USABLE,
+    Verdict,
+    fails_often,
+    is_ranked,
+    judge,
+    worst_parameter,
+)
+from pilotid.study.scores import geometric_mean, loss_text
 from pilotid.study.table import Comparison
 from pilotid.study.trust import TRUST
 from pilotid.support.format import NONE, Columns, Table, number, plus_minus, share, table, table_of
@@ -100,12 +106,6 @@ def loss_of(row: Any) -> tuple[float, float, float]:
     return row.loss, row.loss_lower, row.loss_upper
 
 
-def loss_ratio(study: Comparison, row: Any, other: Any) -> tuple[float, float, float]:
-    """Ratio of a method's loss to another's on the same recordings, and its 95 % interval."""
-    cells = (study.cell(own.scenario, own.method) for own in (row, other))
-    return tuple(loss_ratios(*cells).loc[ALL, list(LOSS)])
-
-
 def of(count: int, total: int) -> str:
     """A share as two counts."""
     return f"{count} of {total}" if count else "0"
@@ -176,7 +176,7 @@ def ranking(study: Comparison, name: str) -> Ranking:
 
 def marked(study: Comparison, method: str) -> str:
     """A method's label, with a star if it uses prior knowledge of pilots."""
-    return f"{method} *" if "prior" in study.methods[method].settings else method
+    return f"{method} *" if study.methods[method].uses_prior else method
 
 
 def verdict(study: Comparison, row: Any) -> Verdict:
@@ -185,9 +185,9 @@ def verdict(study: Comparison, row: Any) -> Verdict:
 
 
 def _times_best(study: Comparison, row: Any, best: Any) -> str | None:
-    if not math.isfinite(row.loss) or fails_often(row):
+    if not is_ranked(row):
         return None
-    return "best" if row is best else loss_text(*loss_ratio(study, row, best))
+    return "best" if row is best else loss_text(*study.ratio(row.scenario, row.method, best.method))
 
 
 def _loss(row: Any) -> str:
@@ -238,7 +238,7 @@ def _failed(row: Any) -> str:
 
 def mean_loss(losses: Mapping[str, float]) -> float:
     """Geometric mean over scenarios."""
-    return math.exp(float(np.mean(np.log(list(losses.values()))))) if losses else math.nan
+    return geometric_mean(losses.values())
 
 
 def by_mean_loss(study: Comparison, names: Sequence[str]) -> dict[str, dict[str, float]]:
@@ -246,7 +246,7 @@ def by_mean_loss(study: Comparison, names: Sequence[str]) -> dict[str, dict[str,
     found: dict[str, dict[str, float]] = {method: {} for method in study.methods}
     for name in names:
         for row in study.of(name).itertuples():
-            if row.loss > 0.0 and not fails_often(row):
+            if row.loss > 0.0 and is_ranked(row):
                 found[row.method][name] = row.loss
     order = sorted(found, key=lambda m: (-len(found[m]), mean_loss(found[m]) if found[m] else 0.0))
     return {method: found[method] for method in order}

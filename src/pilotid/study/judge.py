@@ -121,6 +121,11 @@ def fails_often(row: Any) -> bool:
     return bool(row.failures > MOST_FAILURES * row.recordings)
 
 
+def is_ranked(row: Any) -> bool:
+    """Whether a method has a loss that ranks it: that of one that fails often does not."""
+    return math.isfinite(row.loss) and not fails_often(row)
+
+
 def _bias(each: list[Any]) -> Flag | None:
     """The largest certain bias, by a t test that allows for skewed errors."""
     from scipy.special import stdtr

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 from zlib import crc32
@@ -185,8 +185,7 @@ def _scores_of(own: dict[str, Any], keys: list[str], name: str) -> Iterator[dict
     for place, rows in enumerate(of_key.values()):
         losses[own["recording"][rows], place] = own["loss"][rows]
     well = [mean(own["loss"][rows & own["usable"]]) for rows in of_key.values()]
-    logs = [math.log(loss) for loss in well if loss > 0.0]
-    ended = [math.exp(float(np.mean(logs))) if logs else math.nan, *well]
+    ended = [geometric_mean(well), *well]
     found = mean_losses(losses, name)
     every = {ALL: np.ones(own["parameter"].size, dtype=bool), **of_key}
     for (key, rows), loss, good in zip(every.items(), found.tolist(), ended, strict=True):
@@ -487,6 +486,12 @@ def mean(values: FloatArray) -> float:
     """Mean of the finite entries."""
     finite = values[np.isfinite(values)]
     return float(np.mean(finite)) if finite.size else math.nan
+
+
+def geometric_mean(values: Iterable[float]) -> float:
+    """Geometric mean of the positive values."""
+    logs = [math.log(value) for value in values if value > 0.0]
+    return math.exp(float(np.mean(logs))) if logs else math.nan
 
 
 def skewness(values: FloatArray) -> float:

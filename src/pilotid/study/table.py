@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pilotid.study.scores import ALL, LOSS, loss_ratios, measured, score
-from pilotid.support.disk import table_bytes, write_file
+from pilotid.support.disk import frame_bytes, write_file
 from pilotid.support.store import Key, Rows
 from pilotid.support.types import InputError
 
@@ -142,6 +142,11 @@ class Entry:
     remnant: float | None = None
 
     @property
+    def uses_prior(self) -> bool:
+        """Whether a method uses prior knowledge of pilots."""
+        return "prior" in self.settings
+
+    @property
     def one_recording(self) -> bool:
         """Whether all fits are of the same recording, so that means say nothing."""
         return self.settings.get("one_recording") is True
@@ -265,6 +270,10 @@ class Comparison:
     methods: Mapping[str, Entry]
     about: Mapping[str, str]
     folder: Path
+    # Each takes a bootstrap, and sentences and tables show the same ones.
+    _ratios: dict[tuple[str, str, str], tuple[float, float, float]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     @cached_property
     def measured(self) -> DataFrame:
@@ -302,6 +311,20 @@ class Comparison:
             Name of the scenario, label of the method.
         """
         return self._cells.get((scenario, method), (self.scores[:0],))[-1]
+
+    def ratio(self, scenario: str, method: str, other: str) -> tuple[float, float, float]:
+        """Ratio of a method's loss to another's on the same recordings, and its 95 % interval.
+
+        Parameters
+        ----------
+        scenario, method, other
+            Name of the scenario, labels of the methods.
+        """
+        key = scenario, method, other
+        if key not in self._ratios:
+            cells = self.cell(scenario, method), self.cell(scenario, other)
+            self._ratios[key] = tuple(loss_ratios(*cells).loc[ALL, list(LOSS)])
+        return self._ratios[key]
 
     def of(self, scenario: str) -> DataFrame:
         """Scores over all parameters and recordings of a scenario, a row for each method."""
@@ -352,8 +375,7 @@ class Comparison:
         }
         for name, table in tables.items():
             if len(table) or name != "population.csv":
-                rows = table.itertuples(index=False, name=None)
-                write_file(folder / name, table_bytes(list(table.columns), rows))
+                write_file(folder / name, frame_bytes(table))
         if find_spec("pyarrow"):
             stream = io.BytesIO()
             self.frame.to_parquet(stream, index=False)

@@ -11,8 +11,12 @@ import stat
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pilotid.support.types import InputError, printable
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 LONGEST_PATH = 300  # characters in messages
 
@@ -113,6 +117,14 @@ def table_bytes(head: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
     writer.writerow(head)
     writer.writerows([_cell(cell) for cell in row] for row in rows)
     return text.getvalue().encode()
+
+
+def frame_bytes(frame: DataFrame) -> bytes:
+    """A frame as CSV; what is missing is an empty cell."""
+    gaps = frame.columns[frame.isna().any()]
+    filled = {name: frame[name].astype(object).where(frame[name].notna(), "") for name in gaps}
+    rows = frame.assign(**filled).itertuples(index=False, name=None)
+    return table_bytes([*frame], rows)
 
 
 def _cell(cell: object) -> object:
