@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from pandas import DataFrame
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.methods.fourier import Fourier
@@ -100,6 +101,14 @@ def test_who_fails_in_more_than_a_tenth_is_listed_below_and_poor(
     assert scored[: len(sound)] == sound
     for method in often:
         assert judge(study.scored(scenario, method)).grade == "poor"
+
+
+def test_a_parameter_without_a_bound_makes_no_method_useless() -> None:
+    head = {"worth": 0, "n": 0, "recordings": 9, "failures": 0, "loss": 1.0, "mean_z_se": np.nan}
+    rows = [{**head, "parameter": key} for key in ("all", "a", "b")]
+    for ratios, grade in (((1, np.nan, 1), "efficient"), ((1, 1, np.nan), "efficient"),
+                          ((1, np.nan, 9), "usable"), ((1, 9, np.nan), "usable")):  # fmt: skip
+        assert judge(DataFrame(rows).assign(rmse_over_bound=ratios)).grade == grade
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)

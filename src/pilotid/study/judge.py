@@ -110,7 +110,7 @@ def judge(scores: DataFrame) -> Verdict:
     if math.isnan(overall.loss):
         grade = "unscored"
     elif overall.loss < USABLE and not fails_often(overall):
-        even = max(row.rmse_over_bound for row in rows[1:]) <= USELESS
+        even = not scores.iloc[1:].rmse_over_bound.max() > USELESS
         grade = "efficient" if overall.loss < EFFICIENT and even else "usable"
     flags = (_bias(rows[1:]), _coverage(rows), _failures(overall))
     return Verdict(grade, tuple(flag for flag in flags if flag))
