@@ -22,13 +22,13 @@ import numpy as np
 
 from pilotid.estimates.applicability import lines_objection, made_for, motionless_input
 from pilotid.estimates.estimate import at_bounds, bounds_reached
-from pilotid.lines.coefficients import Coefficients
-from pilotid.lines.fit import LinesFit, fit_lines
 from pilotid.pilot.catalogue import MODELS, with_held
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import Recording, unit_sized
 from pilotid.recordings.roles import listed
+from pilotid.spectral.coefficients import Coefficients
+from pilotid.spectral.equations import LinesFit, fit_lines
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.types import FloatArray, InputError
 from pilotid.time_domain.constancy import changes
@@ -302,7 +302,7 @@ def _left_out_misfits(fit: LinesFit) -> tuple[float, ...]:
             power=fit.power * runs / (runs - 1),
         )
         alone = replace(fit, coefficients=_of_runs(coefficients, [run]), power=fit.power * runs)
-        found.append(float(alone.misfits(others.minimised().values[None])[0]))
+        found.append(replace(alone, values=others.minimised().values).misfit)
     return tuple(found)
 
 
