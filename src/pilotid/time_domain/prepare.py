@@ -260,29 +260,6 @@ def derivative_kernel(order: int, smoothing: FloatArray) -> FloatArray:
 REACH, FAR = 20, 60
 
 
-def filters_and_slopes(
-    autocovariance: FloatArray, slopes: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Prediction-error filters of autocovariances, and their derivatives.
-
-    Parameters
-    ----------
-    autocovariance
-        Lags from 0, shape (sets, lags).
-    slopes
-        Its derivatives, shape (parameters, sets, lags).
-    """
-    order = autocovariance.shape[1] - 1
-    lags = np.abs(np.subtract.outer(np.arange(order), np.arange(order)))
-    inverse = np.linalg.inv(autocovariance[:, lags])
-    taps = np.ones_like(autocovariance)
-    taps[:, 1:] = -(inverse @ autocovariance[:, 1:, None])[..., 0]
-    derivatives = np.zeros((len(taps), len(slopes), order + 1))
-    right = slopes[..., 1:, None] + slopes[..., lags] @ taps[:, 1:, None]
-    derivatives[:, :, 1:] = np.swapaxes(-(inverse @ right)[..., 0], 0, 1)
-    return taps, derivatives
-
-
 def prediction_error_filters(autocovariance: FloatArray) -> FloatArray:
     """Prediction-error filters by Levinson's and Durbin's recursion, shape (sets, lags).
 
@@ -301,30 +278,6 @@ def prediction_error_filters(autocovariance: FloatArray) -> FloatArray:
         taps[:, 1 : order + 1] += reflection[:, None] * taps[:, order - 1 :: -1][:, :order]
         power = power * (1.0 - reflection * reflection)
     return taps
-
-
-def shifted_products(first: FloatArray, change: FloatArray) -> FloatArray:
-    """Inner products of a signal with itself at all pairs of lags.
-
-    Those of one pair of lags differ from those of the pair before by the samples at both ends
-    alone.
-
-    Parameters
-    ----------
-    first
-        Products of lag 0 with lags 0 to n, shape (..., n + 1).
-    change
-        Products of the samples gained less those of the samples lost, shape (..., n, n).
-
-    Returns
-    -------
-    Array of shape (..., n + 1, n + 1).
-    """
-    products = np.empty((*first.shape, first.shape[-1]))
-    products[..., 0, :] = products[..., 0] = first
-    for lag in range(change.shape[-1]):
-        products[..., lag + 1, 1:] = products[..., lag, :-1] + change[..., lag, :]
-    return products
 
 
 GRID = 256  # frequencies on which spectra of noise models are integrated
@@ -348,28 +301,23 @@ class Band:
         return np.asarray((np.arange(GRID) + 0.5) * (np.pi / (GRID * self.dt)), dtype=float)
 
     @cached_property
-    def folds(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
-        """Frequencies that decimation folds onto `omega`, and the filter's power there."""
-        if self.factor == 1:
-            return ((self.omega, np.ones(GRID)),)
-        folded = (self.omega, 2.0 * np.pi / self.dt - self.omega)
-        return tuple((w, self._filter_power(w)) for w in folded)
-
-    def _filter_power(self, omega: FloatArray) -> FloatArray:
-        taps = lowpass(self.factor)
-        k = np.arange(taps.size) - taps.size // 2
-        return np.asarray((np.cos(np.outer(omega * self.recorded_dt, k)) @ taps) ** 2)
-
-    @cached_property
     def cosines(self) -> FloatArray:
         """Maps a spectrum on `omega` to autocovariances, shape (grid, FAR + 1)."""
         return np.asarray(np.cos(np.outer(self.omega * self.dt, np.arange(FAR + 1))) / GRID)
 
     @cached_property
     def folded(self) -> tuple[FloatArray, FloatArray]:
-        """All frequencies of `folds`, and what maps a spectrum there to autocovariances."""
-        omega, weights = (np.concatenate(parts) for parts in zip(*self.folds, strict=True))
-        return omega, weights[:, None] * np.tile(self.cosines, (len(self.folds), 1))
+        """Frequencies that decimation folds into the band, and what maps spectra there.
+
+        It maps to autocovariances behind the low-pass filter.
+        """
+        if self.factor == 1:
+            return self.omega, self.cosines
+        omega = np.concatenate([self.omega, 2.0 * np.pi / self.dt - self.omega])
+        taps = lowpass(self.factor)
+        k = np.arange(taps.size) - taps.size // 2
+        power = (np.cos(np.outer(omega * self.recorded_dt, k)) @ taps) ** 2
+        return omega, power[:, None] * np.tile(self.cosines, (2, 1))
 
     def autocovariance(self, power: FloatArray, reach: int) -> FloatArray:
         """Autocovariances up to lag `reach` of spectra (..., n) at all frequencies of `folded`."""
