@@ -314,7 +314,7 @@ def lagged_products(residual: FloatArray) -> FloatArray:
     products[0] = products[:, 0] = np.sum(by_lag, axis=0)
     for lag in range(FAR):  # those of the next pair of lags differ by the samples at both ends
         products[lag + 1, 1:] = products[lag, :-1] + change[lag]
-    return products / (runs * (samples - FAR))
+    return np.asarray(products / (runs * (samples - FAR)))
 
 
 def criterion(model: NoiseModel, power: float, samples: int, pilot: int = 0) -> float:
