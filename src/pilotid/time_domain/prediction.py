@@ -21,7 +21,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import BLOCK
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit
-from pilotid.support.types import BoolArray, ComplexArray, FloatArray, IntArray
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 from pilotid.time_domain.band_likelihood import BandTerms, Weighting, group_begins, weighting_of
 from pilotid.time_domain.prepare import (
     FAR,
@@ -30,8 +30,10 @@ from pilotid.time_domain.prepare import (
     Prepared,
     analysis_band,
     decimation,
-    derivative_kernel,
+    derivative,
+    edges,
     fast_length,
+    half_width,
     lowpass,
     pad,
     prepare,
@@ -115,7 +117,7 @@ def fine_input(
     steps = [d for d in range(2, factor + 1) if factor % d == 0 and d * recording.dt <= 0.02 + 1e-9]
     step = max(steps, default=1)
     ratio, dt = factor // step, step * recording.dt
-    reach = (derivative_kernel(channel.derivative, lowpass(step)).size - 1) // 2
+    reach = half_width(channel.derivative, step)
     recorded = recording.input(channel.on)
     first = round((start - recording.time[0]) / recording.dt)
     last = first + (count - 1) * factor
@@ -123,20 +125,10 @@ def fine_input(
     wanted = math.ceil((lowpass(factor).size - 1) / 2 / step)
     before = min(wanted, (first - reach) // step)
     after = min(wanted, (recorded.shape[1] - 1 - reach - last) // step)
-    places = np.arange(first - before * step, last + after * step + 1, step)
-    around = places[:, None] + np.arange(-reach, reach + 1)
-
-    def filtered(signal: FloatArray, order: int, at: IntArray) -> FloatArray:
-        own = derivative_kernel(order, lowpass(step)) / recording.dt**order
-        inner = (own.size - 1) // 2
-        return np.asarray(signal[:, at[:, reach - inner : reach + inner + 1]] @ own[::-1])
-
-    signal = filtered(recorded, channel.derivative, around)
-    centred, ends = recorded - recorded.mean(axis=1, keepdims=True), around[[0, -1]]
-    edges = np.array([filtered(centred, order, ends).T for order in range(channel.derivative)])
-    edges = edges.reshape(channel.derivative, 2, recording.runs)
+    places = slice(first - before * step, last + after * step + 1, step)
+    given = recorded, channel.derivative, step, recording.dt, places
     outside = extension * ratio - max(before, after)
-    padded = pad(signal, edges, outside, dt)
+    padded = pad(derivative(*given), edges(*given), outside, dt)
     whole = np.zeros((recording.runs, length * ratio))
     lead = extension * ratio - before - outside
     whole[:, lead : lead + padded.shape[1]] = padded
@@ -599,8 +591,8 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     extension = min(round(EXTENSION / prepared.dt), prepared.control.shape[1] - 1)
     length = fast_length(prepared.control.shape[1] + 2 * extension)
 
-    def transformed(signal: FloatArray, edges: FloatArray) -> ComplexArray:
-        return np.fft.rfft(pad(signal, edges, extension, prepared.dt), n=length)
+    def transformed(signal: FloatArray, below: FloatArray) -> ComplexArray:
+        return np.fft.rfft(pad(signal, below, extension, prepared.dt), n=length)
 
     span = (prepared.control.shape[1], extension, length)
     fine = tuple(
@@ -614,10 +606,10 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         band=analysis_band(recording.dt, band),
         s=_laplace(length, prepared.dt),
         spectra=tuple(
-            channel.sign * transformed(signal, edges)
+            channel.sign * transformed(signal, below)
             if own is None
             else np.ones((recording.runs, length // 2 + 1), dtype=complex)
-            for channel, signal, edges, own in zip(
+            for channel, signal, below, own in zip(
                 model.channels, prepared.inputs, prepared.edges, fine, strict=True
             )
         ),

@@ -170,10 +170,7 @@ def prepare(
         recording names (`Recording.lead_in`).
     """
     factor = decimation(recording.dt, band)
-    smoothing = lowpass(factor)
-    highest = max(c.derivative for c in model.channels)
-    kernels = {order: derivative_kernel(order, smoothing) for order in range(highest + 1)}
-    half = max((k.size - 1) // 2 for k in kernels.values())
+    half = half_width(max(c.derivative for c in model.channels), factor)
 
     total = recording.u.shape[1]
     lead_in = recording.lead_in if unscored is None else unscored
@@ -189,31 +186,20 @@ def prepare(
     after = (total - 1 - half - first_scored) // factor
     centres = slice(first_scored - before * factor, first_scored + after * factor + 1, factor)
 
-    seen_to = (total - 1 - half - first_scored - unseen) // factor
+    scored = (total - 1 - half - first_scored - unseen) // factor + 1
+    # Large prime factors make transforms of a long window slow: up to a hundredth is left out.
+    if band is not None and scored > 20_000:
+        scored = next(n for n in range(scored, 0, -1) if fast_length(n) == n)
 
-    def filtered(signal: FloatArray, order: int, step: int = factor) -> FloatArray:
-        kernel = kernels[order] / recording.dt**order
-        if kernel.size == 1:
-            return np.asarray(kernel[0] * signal[:, centres.start : centres.stop : step])
-        reach = (kernel.size - 1) // 2
-        windows = sliding_window_view(signal, kernel.size, axis=1)
-        # Correlation, so the kernel is turned round.
-        windows = windows[:, centres.start - reach : centres.stop - reach : step]
-        return np.asarray(windows @ kernel[::-1])
-
-    def edges(signal: FloatArray, order: int) -> FloatArray:
-        signal = signal - signal.mean(axis=1, keepdims=True)
-        span = centres.stop - 1 - centres.start
-        rows = [filtered(signal, lower, span).T for lower in range(order)]
-        return np.array(rows).reshape(order, 2, recording.runs)
-
+    channels = [(recording.input(c.on), c.derivative) for c in model.channels]
+    given = factor, recording.dt, centres
     return Prepared(
         dt=recording.dt * factor,
-        inputs=tuple(filtered(recording.input(c.on), c.derivative) for c in model.channels),
-        edges=tuple(edges(recording.input(c.on), c.derivative) for c in model.channels),
-        control=filtered(recording.u, 0),
+        inputs=tuple(derivative(*channel, *given) for channel in channels),
+        edges=tuple(edges(*channel, *given) for channel in channels),
+        control=derivative(recording.u, 0, *given),
         first=before,
-        scored=seen_to + 1,
+        scored=scored,
         time=recording.time[centres],
     )
 
@@ -249,11 +235,50 @@ def _difference(order: int) -> FloatArray:
     return np.asarray(0.5 * (weights + (-1.0) ** order * weights[::-1]))
 
 
-def derivative_kernel(order: int, smoothing: FloatArray) -> FloatArray:
+def _kernel(order: int, factor: int) -> FloatArray:
     """Convolution kernel of a low-pass filter and a derivative, per sample^order."""
-    if order == 0:
-        return smoothing
-    return np.convolve(smoothing, _difference(order)[::-1])
+    smoothing = lowpass(factor)
+    return smoothing if order == 0 else np.convolve(smoothing, _difference(order)[::-1])
+
+
+def half_width(order: int, factor: int) -> int:
+    """Samples on either side that a derivative behind the filter of a decimation takes."""
+    return (_kernel(order, factor).size - 1) // 2
+
+
+def derivative(signal: FloatArray, order: int, factor: int, dt: float, places: slice) -> FloatArray:
+    """A derivative of a signal, behind the low-pass filter of a decimation.
+
+    Parameters
+    ----------
+    signal
+        The signal as recorded, shape (runs, samples).
+    order
+        Order of the derivative, 0 for the signal itself.
+    factor, dt
+        Factor of the decimation, and sampling interval of the recording [s].
+    places
+        Which samples of it are wanted.
+    """
+    kernel = _kernel(order, factor) / dt**order
+    if kernel.size == 1:
+        return np.asarray(kernel[0] * signal[:, places])
+    reach = (kernel.size - 1) // 2
+    windows = sliding_window_view(signal, kernel.size, axis=1)
+    # Correlation, so the kernel is turned round.
+    windows = windows[:, places.start - reach : places.stop - reach : places.step]
+    return np.asarray(windows @ kernel[::-1])
+
+
+def edges(signal: FloatArray, order: int, factor: int, dt: float, places: slice) -> FloatArray:
+    """What is below a derivative, at the first and the last sample, shape (order, 2, runs).
+
+    It is `derivative` of the orders below, of the signal less its mean.
+    """
+    centred = signal - signal.mean(axis=1, keepdims=True)
+    ends = slice(places.start, places.stop, places.stop - 1 - places.start)
+    rows = [derivative(centred, lower, factor, dt, ends).T for lower in range(order)]
+    return np.array(rows).reshape(order, 2, len(signal))
 
 
 #: Samples that a whitening filter may reach back, and that one may to whom low frequencies matter.
