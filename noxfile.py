@@ -101,7 +101,7 @@ def docs(session: nox.Session) -> None:
     options = [option for option in session.posargs if option != "--links"]
     builder = "linkcheck" if links else "html"
     if links:  # what pages print holds no links
-        options += ["-D", "nb_execution_mode=off", "-D", "plot_gallery=0"]
+        options += ["-D", "nb_execution_mode=off"]
         options += ["-D", "suppress_warnings=myst-nb.lexer"]  # which only executed pages have
     session.run("python", "-W", "ignore", "tests/checks/reading_ease.py")
     session.run(

@@ -1,8 +1,6 @@
-"""Figure and table of docs/remnant.md: 200 recordings of `nominal`.
+"""A figure of docs/theory/white.md and its table: 200 recordings of `nominal`.
 
-    nox -s check -- remnant         writes docs/remnant.svg and the table in docs/remnant.md
-
-The page's text holds no number that is not in the table.
+nox -s check -- remnant         writes docs/remnant.svg and the table in docs/measurements.md
 """
 
 from __future__ import annotations
@@ -146,7 +144,7 @@ def main() -> None:
     figure(found, [DOCS / "remnant.svg", *([given.png] if given.png else [])])
     text = table(found)
     print(text)
-    page = DOCS / "remnant.md"
+    page = DOCS / "measurements.md"
     begin, end = "<!-- table: nox -s check -- remnant -->\n", "\n<!-- end of table -->"
     body, places = re.subn(
         f"{re.escape(begin)}.*?{re.escape(end)}",

@@ -1,4 +1,4 @@
-"""Figure of docs/two-step.md: frequency responses of one recording of `nominal`.
+"""Figure of docs/guide/methods.md: frequency responses of one recording of `nominal`.
 
 nox -s check -- responses       writes docs/responses.svg
 """
