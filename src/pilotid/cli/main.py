@@ -38,6 +38,13 @@ from pilotid.support.remarks import OF_STICK, codes_in
 from pilotid.support.terminal import make_console, show_page, show_warning, with_bar
 from pilotid.support.types import InputError, one_line
 
+#: What `list` shows first; all else is under "more".
+CORE = {
+    "models": ("single", "multi", "gain", "lead-lag"),
+    "methods": ("mle", "fourier", "arx", "sindy", "bayes"),
+    "scenarios": ("nominal", "single", "population-usual"),
+}
+
 app = typer.Typer(
     help="Identify pilot models from tracking recordings with every standard method.",
     add_completion=False,
@@ -106,7 +113,7 @@ def program(
 
 @app.command("list")
 def list_names() -> None:
-    """List models, methods and scenarios."""
+    """List models, methods and scenarios, the usual ones first."""
     from pilotid.datasets import CATALOGUE
     from pilotid.methods import methods
 
@@ -116,7 +123,9 @@ def list_names() -> None:
         "methods": {name: _first_line(m) for name, m in methods().items()},
         "scenarios": {s.name: s.description for s in CATALOGUE.values()},
     }
-    for title, entries in summaries.items():
+    core = {title: {name: summaries[title].pop(name) for name in CORE[title]} for title in CORE}
+    more = {f"more {title}": entries for title, entries in summaries.items()}
+    for title, entries in (core | more).items():
         console.print(title, style="bold")
         for name, text in entries.items():
             console.print(f"  {name:<20} {text}", soft_wrap=True)
