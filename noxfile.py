@@ -76,8 +76,7 @@ def check(session: nox.Session) -> None:
     scripts = {
         "mle": "mle_against_bound.py",
         "theory": "theory_against_monte_carlo.py",
-        "remnant": "remnant_figure.py",
-        "responses": "responses_figure.py",
+        "front": "front.py",
         "sbc": "sbc.py",
         "remarks": "remarks.py",
         "population": "population.py",
