@@ -81,7 +81,7 @@ def mean_share(share: FloatArray, error: FloatArray, inside: FloatArray) -> str:
 
 def preview(folder: Path) -> str:
     """Tables of feedforward and feedback."""
-    keys = ("tdvis [s]", "tlook [s]", "tlook + tdvis [s]", "tlead [s]", "VAF", "remarks")
+    keys = ("tlook + tdvis [s]", "VAF", "remarks")
     shares = _head("element", "subject", "runs", "F Hc to .15 Hz", "F Hc above")
     fits = _head("element", "subject", "method", *keys)
     for element in ELEMENTS:
@@ -107,17 +107,10 @@ def _row(*cells: object) -> str:
 
 
 def fitted(fit: Estimate) -> list[str]:
-    """Delay, look-ahead and lead with their intervals, the first two's sum, VAF, remarks."""
-    index = {key: i for i, key in enumerate(fit.model.keys)}
-
-    def shown(key: str) -> str:
-        low, high = fit.intervals[index[key]]
-        return f"{fit.values[index[key]]:.2f} ({low:.2f} .. {high:.2f})"
-
-    both = sum(fit.values[index[key]] for key in ("tdvis", "tlook"))
+    """How far the response to the target is ahead of that to the output, VAF, remarks."""
+    values = dict(zip(fit.model.keys, fit.values, strict=True))
     told = ", ".join(dict.fromkeys(r.code for r in fit.remarks if r.grade != "note")) or "-"
-    found = [shown("tdvis"), shown("tlook"), f"{both:.2f}", shown("tlead")]
-    return [*found, f"{fit.vaf:.0f} %", told]
+    return [f"{values['tdvis'] + values['tlook']:.2f}", f"{fit.vaf:.0f} %", told]
 
 
 # ---------------------------------------------------------------------- Bonnen et al. (2015)
