@@ -2,8 +2,8 @@
 
     nox -s check -- front
 
-Reads results/reference/summary.csv; writes docs/comparison.svg, docs/fit.svg, the tables of
-README.md and paper/paper.md, and the table of the white residual in docs/measurements.md.
+Reads results/reference/summary.csv; writes docs/comparison.svg, docs/fit.svg and the tables of
+README.md and paper/paper.md.
 """
 
 from __future__ import annotations
@@ -17,9 +17,7 @@ import numpy as np
 import pandas as pd
 
 import pilotid
-from pilotid.bounds import white_limit
 from pilotid.cli.main import CORE
-from pilotid.datasets.experiments import experiment_of
 from pilotid.report.page import svg
 from pilotid.show.style import colour_of, journal_style, marker_of
 
@@ -96,31 +94,6 @@ def fit() -> str:
     return svg(figure, "fit", alt)
 
 
-def white(rows: pd.DataFrame) -> str:
-    """The table of the white residual, with the limits of a long recording."""
-    limit = white_limit(experiment_of(SCENARIO))
-    lines = [
-        "| | bound % | method | bias % | claimed % | scatter % | coverage "
-        "| long record: bias, scatter % |",
-        "| --- | ---: | --- | ---: | ---: | ---: | ---: | ---: |",
-    ]
-    for place, key in enumerate(KEYS):
-        for method in ("mle", "mle-white"):
-            row = rows.loc[(method, key)]
-            percent = 100.0 / row["truth"]
-            scatter = percent * np.sqrt(limit.sandwich[place, place])
-            long = f"{percent * limit.bias[place]:+.1f}, {scatter:.1f}"
-            cells = [
-                f"{key} | {percent * row['crlb']:.1f} | `{method}`",
-                f"{row['bias_percent']:+.1f} ± {percent * row['bias_se']:.1f}",
-                *(f"{percent * row[name]:.1f}" for name in ("mean_std_error", "std")),
-                f"{row['coverage_95']:.2f}",
-                long if method == "mle-white" else "",
-            ]
-            lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
 def enter(name: str, text: str) -> None:
     """Write a table between its marks in a page."""
     page = ROOT / name
@@ -139,7 +112,6 @@ def main() -> None:
     table = ranking(rows)
     for name in ("README.md", "paper/paper.md"):
         enter(name, table)
-    enter("docs/measurements.md", white(rows))
     print(table)
     with journal_style():
         for name, text in (("comparison", comparison(rows)), ("fit", fit())):
