@@ -102,7 +102,6 @@ def docs(session: nox.Session) -> None:
     if links:  # what pages print holds no links
         options += ["-D", "nb_execution_mode=off"]
         options += ["-D", "suppress_warnings=myst-nb.lexer"]  # which only executed pages have
-    session.run("python", "-W", "ignore", "tests/checks/reading_ease.py")
     session.run(
         *("sphinx-build", "-W", "--keep-going", "-n", "-j", "8", "-b", builder),
         *("docs", f"docs/_build/{builder}", *options),
