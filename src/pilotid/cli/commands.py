@@ -39,7 +39,7 @@ def check(
     """Summarise recordings and report problems."""
     plant = element_named(element) if element else None
     ignored = codes_in(ignore or ())
-    models = [model_named(name) for name in split_list(model, names=True)]
+    models = [model_named(name) for name in split_list(model)]
     options.require_free(files, json, force=force)
     recordings, refused = reading.all(files, joint=joint)
     found = check_all(recordings, models, plant, ignored)

@@ -183,7 +183,7 @@ def fit(
 ) -> None:
     """Identify a pilot model from recordings."""
     plant, ignored = element_named(element) if element else None, codes_in(ignore or ())
-    names = [] if model == AUTO else split_list(model, names=True) or [model]
+    names = [] if model == AUTO else split_list(model) or [model]
     named = with_held([model_named(name) for name in dict.fromkeys(names)], fix) if names else []
     named = [options.with_start(own, start) for own in named]
     if truth is not None and len(named) > 1:

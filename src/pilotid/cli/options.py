@@ -159,7 +159,7 @@ def names_of(given: Sequence[str] | None, default: Sequence[str], all_: Sequence
 
     Commas within parentheses belong to the settings of a name.
     """
-    names = [name for text in given or () for name in split_list(text, names=True)]
+    names = [name for text in given or () for name in split_list(text)]
     if "all" in names:
         return list(all_)
     return list(dict.fromkeys(names or default))
