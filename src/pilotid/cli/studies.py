@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,12 +18,12 @@ from pilotid.recordings.files import Reading, load_recording, read_with
 from pilotid.support import disk
 from pilotid.support.format import Line, show, table
 from pilotid.support.numbers import DEFAULT_SEED
-from pilotid.support.terminal import make_console, show_page
+from pilotid.support.terminal import make_console, show_page, with_bar
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
     from pilotid.datasets import Scenario
-    from pilotid.study.table import Store
+    from pilotid.study.table import Fit, Store
 
 #: What reports of studies are written as.
 TABLES = (
@@ -50,10 +50,9 @@ def compare(
     out: Path = Path("results/compare"),
 ) -> None:
     """Compare methods on simulated recordings whose truth is known."""
-    from pilotid.cli.running import with_progress
     from pilotid.datasets import CATALOGUE
     from pilotid.methods import methods
-    from pilotid.study.study import PROFILES, UNANSWERED, Study, counts_of
+    from pilotid.study.study import PROFILES, UNANSWERED, Study
     from pilotid.study.table import Store
 
     if people is not None:
@@ -75,19 +74,18 @@ def compare(
     count = replications or count
     study = Study([*like_it, *names], tried, count, seed)
     disk.require_folder(out, TABLES, read_with([like] if like else []), force=force)
-    with Store(out, create=True) as store, options.resumable(store.path):
+    with Store(out, create=True) as store:
         pending = study.enter(store, retry=retry_failed)
         size = len(study.keys)
         if held := size - len(pending):
-            words = f"{store.path}: holds {held} of {size} fits already"
-            make_console().print(words, soft_wrap=True)
+            show(make_console(), f"{store.path}: holds {held} of {size} fits already")
         results = study.run(store, pending, workers, scheduler, time_limit or None)
-        told = with_progress(results, counts_of(pending), workers)
+        told = with_bar(results, "fits", len(pending))
         unanswered = sum(result.message == UNANSWERED for result in told)
         _finish(out, store, plot=plot)
-        if unanswered:
-            make_console(errors=True).print(f"pilotid: {unanswered} fits gave no answer")
-            raise typer.Exit(1)
+    if unanswered:
+        make_console(errors=True).print(f"pilotid: {unanswered} fits gave no answer")
+        raise typer.Exit(1)
 
 
 def report(folder: Path, *, out: Path | None = None, force: bool = False) -> None:
@@ -162,7 +160,6 @@ def trust(
 
     The first method that is named is the one whose fit is judged, else mle.
     """
-    from pilotid.cli.running import with_progress
     from pilotid.datasets.named import model_place
     from pilotid.methods import methods
     from pilotid.report.study import overview, write_report
@@ -176,8 +173,11 @@ def trust(
         recording = replace(recording, controlled_element=element_named(element).name)
     chosen = options.selected_model(recording, model, seed)
     trial = trial_of(recording, chosen, options.names_of(method, [], list(methods())), seed)
-    with options.resumable(out):
-        found = trial.run(out, replications, seed, workers, model_place(model), with_progress)
+
+    def progress(results: Iterator[Fit], counts: Mapping[str, int]) -> Iterator[Fit]:
+        return with_bar(results, "fits", sum(counts.values()))
+
+    found = trial.run(out, replications, seed, workers, model_place(model), progress)
     page = write_report(out, found.comparison)
     told = found.to_dict()
     words, losses, rankings = overview(found.comparison)
@@ -224,22 +224,19 @@ def compare_people(
     methods = options.methods_of(method, USUAL)
     folder = fetch(name)
     people = PEOPLE[name]
-    with options.resumable(out):
-        found = analyse(
-            recordings_in(folder, name),
-            people["pattern"],
-            [people["model"]],
-            list(methods.values()),
-            out=out,
-            left_out=True,
-            reading=Reading(
-                (people["map"],) if people["map"] else (),
-                float(people["dt"]) if people["dt"] else None,
-            ),
-            seed=seed,
-            workers=workers,
-            force=force,
-        )
+    mapping = (people["map"],) if people["map"] else ()
+    found = analyse(
+        recordings_in(folder, name),
+        people["pattern"],
+        [people["model"]],
+        list(methods.values()),
+        out=out,
+        left_out=True,
+        reading=Reading(mapping, float(people["dt"]) if people["dt"] else None),
+        seed=seed,
+        workers=workers,
+        force=force,
+    )
     report = found.write(f"pilotid compare --people {name}")
     left_out = left_out_table(found.results)
     show(make_console(), left_out, f"report: {report}")
