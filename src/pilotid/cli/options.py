@@ -82,6 +82,8 @@ MEANINGS: dict[str, tuple[str, str]] = {
         "Scenario: nominal, 'nominal(runs=3)', file.py:NAME; repeat, use commas, or say all.",
     ),
     "simulate scenario": ("SCENARIO", "See `pilotid list`."),
+    "export scenario": ("SCENARIO", "See `pilotid list`; several with commas."),
+    "export out": ("DIR", "Folder of the recordings."),
     "design scenario": (
         "[SCENARIO]",
         "Pilot, loop, remnant and reference forcing; default: the recordings' of --from, else "
@@ -97,7 +99,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "seed": ("", "Seed of all random numbers."),
     "workers": ("", "Processes; default: one for each processor."),
     "out": ("DIR", "Results folder; what is done there is kept."),
-    "simulate out": ("F.csv", "Recording to write, .csv or .mat."),
+    "simulate out": ("F.csv", "Recording to write, .csv, .mat or .npz."),
     "design out": ("DIR", "Folder of the design."),
     "posterior out": ("DIR", "Folder for draws, summary and figures."),
     "report out": ("DIR", "Another folder for the report, if DIR is read-only."),
@@ -122,6 +124,8 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "retry_failed": ("", "Fit again what crashed, died, or ran out of memory or time."),
     "name": ("NAME", "Which; none lists what there is."),
     "source": ("FOLDER", "Take the files from here: no download."),
+    "kind": ("", "Format of the recordings."),
+    "imported": ("F.csv", "Estimates by other programs, in the folder of their `export`."),
     "people": ("NAME", "Published recordings of people instead; see fetch-data."),
     # Experiments.
     "pattern": (
@@ -149,7 +153,10 @@ MEANINGS: dict[str, tuple[str, str]] = {
 }
 ONLY = Parameter.KEYWORD_ONLY
 #: Options that are not called like their parameters, which are reserved words or other things.
-SPELLED = {"mapping": "--map", "estimates": "--from", "source": "--from"}
+SPELLED = {
+    **{"mapping": "--map", "estimates": "--from", "source": "--from"},
+    **{"imported": "--estimates", "kind": "--format"},
+}
 
 LARGEST_TRUTH = 2**22  # bytes of a file that names true parameters
 
