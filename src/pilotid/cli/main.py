@@ -261,6 +261,6 @@ def _fitted(
 
 for command in (
     *(simulate, fit, check, posterior, analyse, design, studies.compare, studies.trust),
-    *(studies.report, studies.compare_studies, studies.fetch_data),
+    *(studies.export, studies.report, studies.compare_studies, studies.fetch_data),
 ):
     app.command()(options.as_command(command))
