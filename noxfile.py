@@ -83,6 +83,7 @@ def check(session: nox.Session) -> None:
         "published": "published.py",
         "recorder": "recorder.py",
         "experiment": "experiment.py",
+        "tasks": "tasks.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:

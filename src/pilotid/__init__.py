@@ -5,7 +5,7 @@ Load a recording, identify, and look::
     import pilotid
 
     recording = pilotid.load_recording("run.csv")
-    estimate = pilotid.identify("mle", recording, "multi")
+    estimate = pilotid.identify(recording, "multi", "mle")
     print(estimate.summary())
     print(estimate["tdvis"].interval)
     pilotid.plot.describing_function(estimate)

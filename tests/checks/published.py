@@ -93,7 +93,7 @@ def preview(folder: Path) -> str:
             means = mean_share(share, error, low), mean_share(share, error, ~low)
             shares.append(_row(element, subject, recording.runs, *means))
             for method in ("mle", "fourier"):
-                fit = pilotid.identify(method, recording, LED)
+                fit = pilotid.identify(recording, LED, method)
                 fits.append(_row(element, subject, method, *fitted(fit)))
     return "\n".join([*shares, "", *fits])
 
@@ -148,7 +148,7 @@ def following(folder: Path) -> str:
     head = ("tlagt [s]", "tdt [s]", "lag of the correlogram [s]", "Kt", "VAF")
     lines = _head("width [arcmin]", *head)
     for width, recording in following_runs(folder / "data.mat").items():
-        fit = pilotid.identify("mle", recording, FOLLOWING)
+        fit = pilotid.identify(recording, FOLLOWING, "mle")
         values = dict(zip(fit.model.keys, fit.values, strict=True))
         errors = dict(zip(fit.model.keys, fit.std_error, strict=True))
         peak = correlogram_lag(recording)

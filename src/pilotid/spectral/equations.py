@@ -20,7 +20,6 @@ from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.estimate import is_at_bound
 from pilotid.estimates.parts import RemnantEstimate, Specification, score_test
 from pilotid.estimates.quantities import spans_decade
-from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.pilot.loops import are_stable
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.detectors import band_end
@@ -29,6 +28,7 @@ from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import Minima, Problem, minimise, solve_linear
 from pilotid.solve.search import search
+from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 
@@ -62,20 +62,11 @@ class LinesFit:
     values: FloatArray
     power: FloatArray
 
-    def misfits(self, sets: FloatArray) -> FloatArray:
-        """Chi-squared of the equations at the lines, shape (sets,).
-
-        Parameters
-        ----------
-        sets
-            Parameters, shape (sets, parameters).
-        """
-        return np.asarray(np.sum(self._equations.rows(sets)[:, -1] ** 2, axis=1))
-
     @cached_property
     def misfit(self) -> float:
-        """The same of these parameters."""
-        return float(self.misfits(self.values[None])[0])
+        """Chi-squared of the equations at the lines."""
+        equations = Equations(self.coefficients, self.model, self.power)
+        return float(np.sum(equations.rows(self.values[None])[0, -1] ** 2))
 
     @property
     def freedom(self) -> int:
@@ -98,10 +89,6 @@ class LinesFit:
         reach = Z95 * np.sqrt(np.diag(covariance)) / np.maximum(np.abs(values), 1e-300)
         reach = np.minimum(reach, 100.0)  # of which exp is a number still
         return not spans_decade(np.exp(-reach), np.exp(reach))[model.positive].any()
-
-    @cached_property
-    def _equations(self) -> Equations:
-        return Equations(self.coefficients, self.model, self.power)
 
     def minimised(self) -> LinesFit:
         """The same with the parameters that fit best under this power, from these ones."""
@@ -149,45 +136,37 @@ def fit_lines(
     residuals = coefficients.first_residuals()
     power = coefficients.power(residuals)
     first = Equations(coefficients.at_lines_alone(residuals), model, power)
-    pilots = Pilots(recording, model)
-    found = pilots.first(search(first.gram, model, rng, candidates=candidates, refined=refined))
+    ends = search(first.gram, model, rng, candidates=candidates, refined=refined)
+    found = pilots_first(recording, model, ends)
     if starts:
         points = np.array(starts)
         points, _ = solve_linear(first.gram(points), points, model.linear, model.lower)
-        more = pilots.first(minimise(first.gram, points, model, tolerance=1e-3, iterations=16))
+        ends = minimise(first.gram, points, model, tolerance=1e-3, iterations=16)
+        more = pilots_first(recording, model, ends)
         found = min((found, more), key=lambda minima: float(minima.cost[0]))
     fit = LinesFit(coefficients, model, found.values[0], power)
     for _ in range(ROUNDS):
         before, fit = fit, fit.again()
-        if pilots(before.values[None])[0] and not pilots(fit.values[None])[0]:
+        was, still = are_pilots(recording, model, np.array([before.values, fit.values]))
+        if was and not still:
             return before
         if np.all(np.abs(fit.values - before.values) <= same * np.abs(before.values)):
             break
     return fit
 
 
-class Pilots:
-    """Which parameters can be those of a pilot: the recorded loop was stable.
+def are_pilots(recording: Recording, model: PilotModel, sets: FloatArray) -> BoolArray:
+    """Which parameters can be those of a pilot, as the recorded loop was stable; shape (sets,).
 
-    Parameters
-    ----------
-    recording, model
-        What is fitted; where no controlled element is known, or the model has no loop, all can be.
+    All can be where no controlled element is known or the model has no loop.
     """
+    element = None if model.no_loop else closing_element(recording)[0]
+    return np.ones(len(sets), dtype=bool) if element is None else are_stable(model, sets, element)
 
-    def __init__(self, recording: Recording, model: PilotModel) -> None:
-        self._model = model
-        self.element = None if model.no_loop else closing_element(recording)[0]
 
-    def __call__(self, sets: FloatArray) -> BoolArray:
-        """Whether each is in a stable loop, shape (sets,)."""
-        if self.element is None:
-            return np.ones(len(sets), dtype=bool)
-        return are_stable(self._model, sets, self.element)
-
-    def first(self, ends: Minima) -> Minima:
-        """The ends of a search, those in stable loops first, each kind with the best first."""
-        return ends.only(np.argsort(~self(ends.values), kind="stable"))
+def pilots_first(recording: Recording, model: PilotModel, ends: Minima) -> Minima:
+    """The ends of a search, those in stable loops first, each kind with the best first."""
+    return ends.only(np.argsort(~are_pilots(recording, model, ends.values), kind="stable"))
 
 
 class Equations(Problem):
