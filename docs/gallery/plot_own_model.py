@@ -42,9 +42,6 @@ class Washout(Factor):
     def response(self, s, values):
         return values[0] * s / (1.0 + values[0] * s)
 
-    def log_derivative(self, s, values):
-        return (1.0 / (values[0] * (1.0 + values[0] * s)),)
-
     def rational(self, values, pade_order):
         return [float(values[0]), 0.0], [float(values[0]), 1.0]
 
