@@ -31,7 +31,7 @@ forcing functions make of it in the loop instead (whose way through the loop the
 without noise) is free of that, and knows as little of gain and lead time as the lines alone
 do: in some recordings of `nominal` nothing keeps the lead time from its bound.  What is minimised
 is the geometric mean of both (`removed`), a k-class estimator in the words of econometrics
-(Theil, *Economic Forecasts and Policy*, 1958); docs/two-step.md has the figures.
+(Theil, *Economic Forecasts and Policy*, 1958).
 """
 
 from __future__ import annotations

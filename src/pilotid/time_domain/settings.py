@@ -64,7 +64,7 @@ class LikelihoodSettings(StartSettings):
 
 #: Tuned: share of the information on any parameter near the edge of the band of a loop that answers
 #: at once: a narrower band biases delays by up to 10 % (eight pilots in position control, 40 runs
-#: each; docs/remnant.md).
+#: each).
 MAX_EDGE_INFORMATION = 0.01
 #: Tuned: the same of other loops, where it is lost: steps have .13 to .31 there, multisines .00 to
 #: .07 (populations usual and inner, seed 3003).
@@ -90,11 +90,11 @@ COMPARED_TOLERANCE = 1e-6
 #: Numerics: relative decrease of the cost that ends the fit that is reported.
 REPORTED_TOLERANCE = 1e-10
 #: Tuned: by which a band-pass must predict better, since its corner and the gain explain one
-#: another (nominal, seed 1; exotic, seed 1502; docs/remnant.md).
+#: another (nominal, seed 1; exotic, seed 1502).
 BAND_PASS_PENALTY = 7.0
 #: Statistics: by which another optimum's criterion may be higher to compete: more than the 3.84 of
 #: an interval's end.
 COMPETING_CRITERION = 5.0
 #: Tuned: over the scored time, by how much likelihood ratios exceed chi-squared, as pilot and
-#: remnant share what there is [s] (short, seeds from 1000; docs/remnant.md).
+#: remnant share what there is [s] (short, seeds from 1000).
 BARTLETT_SECONDS = 5.0
