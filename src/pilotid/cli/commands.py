@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -39,23 +40,17 @@ def check(
     """Summarise recordings and report problems."""
     plant = element_named(element) if element else None
     ignored = codes_in(ignore or ())
-    models = [model_named(name) for name in split_list(model, names=True)]
+    models = [model_named(name) for name in split_list(model)]
     options.require_free(files, json, force=force)
     recordings, refused = reading.all(files, joint=joint)
-    found = check_all(recordings, models, plant, ignored)
-    console, summary = make_console(), [summary_of(found)] if len(found) > 1 else []
+    every = check_all(recordings, models, plant, ignored)
+    summary = [summary_of(every)] if len(every) > 1 else []
     if brief and json is None:
-        show(console, *(own.brief for own in found), *summary)
-    else:
-        entries = [own.to_dict() for own in found]
-        if not options.write_json(json, entries[0] if len(entries) == 1 else entries):
-            for number, own in enumerate(found):
-                if number:
-                    console.print()
-                show(console, *own.blocks())
-            if summary:
-                console.print()
-                show(console, *summary)
+        show(make_console(), *(checked.brief for checked in every), *summary)
+    elif not options.write_json(json, [checked.to_dict() for checked in every]):
+        for number, checked in enumerate(every):
+            show(make_console(), *[""] * (number > 0), *checked.blocks())
+        show(make_console(), *[""] * bool(summary), *summary)
     options.raise_refused(refused)
 
 
@@ -82,33 +77,30 @@ def analyse(
     force: bool = False,
 ) -> None:
     """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
-    given = dict(locals())
     from pilotid.experiment.experiment import analyse as analysed
-    from pilotid.pilot.catalogue import AUTO
 
-    with options.resumable(out):
-        found = analysed(
-            files,
-            pattern,
-            options.names_of(model, [AUTO], [AUTO]),
-            list(options.methods_of(method, ["mle"]).values()),
-            out=out,
-            contrasts=contrast or (),
-            keep_all=keep_all,
-            sensitivity=sensitivity,
-            per_run=per_run,
-            left_out=left_out,
-            exclude=exclude or (),
-            factors=factors,
-            element=element,
-            fix=fix,
-            reading=reading,
-            ignore=ignore or (),
-            seed=seed,
-            workers=workers,
-            force=force,
-        )
-    path = found.write(options.typed_command(analyse, given))
+    found = analysed(
+        files,
+        pattern,
+        options.names_of(model, [AUTO], [AUTO]),
+        list(options.methods_of(method, ["mle"]).values()),
+        out=out,
+        contrasts=contrast or (),
+        keep_all=keep_all,
+        sensitivity=sensitivity,
+        per_run=per_run,
+        left_out=left_out,
+        exclude=exclude or (),
+        factors=factors,
+        element=element,
+        fix=fix,
+        reading=reading,
+        ignore=ignore or (),
+        seed=seed,
+        workers=workers,
+        force=force,
+    )
+    path = found.write(shlex.join(options.TYPED))
     show(make_console(), *found.blocks(path))
     options.raise_refused(found.refused)
 
@@ -123,7 +115,6 @@ def design(
     force: bool = False,
 ) -> None:
     """Design forcing functions for small errors, within limits on error and control."""
-    given = dict(locals())
     from importlib.metadata import version
 
     from pilotid.datasets import Scenario, scenario_named
@@ -134,17 +125,15 @@ def design(
 
     read = [Path(path) for path in (scenario, estimates) if path is not None]
     require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)
-    named: Scenario | None = None
-    if scenario is not None or estimates is None:
-        found = scenario_named(scenario or "nominal")
-        if not isinstance(found, Scenario) or found.violation is not None:
-            raise InputError(f"{found.name}: a design is for one sound loop; name a scenario")
-        named = found
-    chosen = named if estimates is None else scenario_of_fit(estimates, named)
-    assert isinstance(chosen, Scenario)
+    named = None if scenario is None else scenario_named(scenario)
+    chosen = named or scenario_named("nominal")
+    if not isinstance(chosen, Scenario) or chosen.violation is not None:
+        raise InputError(f"{chosen.name}: a design is for one sound loop; name a scenario")
+    if estimates is not None:
+        chosen = scenario_of_fit(estimates, chosen if named else None)
     with make_console(errors=True).status("designing"):
         made = designed(chosen, minimise, options.numbers_in("--limit", limit))
-    command = options.typed_command(design, given)
+    command = shlex.join(options.TYPED)
     about = {"pilotid": version("pilotid"), "command": command}
     write_files(out, made, about, model_place(scenario or ""))
     page = write_report(out, made, command)
@@ -177,15 +166,13 @@ def posterior(
         require_folder(folder, FILES, read_with(files), force=force)
     recordings, refused = reading.all(files, joint=joint)
     for number, recording in enumerate(recordings):
-        folder = folders.get(recording.source, out)
-        if number:
-            make_console().print()
+        show(make_console(), *[""] * (number > 0))
         chosen = named
         if chosen is None:
             selection = select(recording, seed=seed)
             chosen = selection.model
-            if selection.reason:
-                make_console().print(selection.reason, soft_wrap=True)
+            show(make_console(), *[selection.reason] * bool(selection.reason))
+        folder = folders.get(recording.source, out)
         infer(recording, chosen, element=plant, seed=seed, folder=folder)
     options.raise_refused(refused)
 
@@ -194,16 +181,12 @@ def folders_of(files: Sequence[Path], out: Path | None) -> dict[str, Path]:
     """A folder inside `out` for each of several files, named after it."""
     if out is None:
         return {}
-    taken: dict[Path, Path] = {}
-    for file in files:
-        folder = out / stem_of(file)
-        if folder in taken:
-            raise InputError(
-                f"{file}: its results would go to {folder} as those of {taken[folder]}; rename one "
-                "of the files, or choose another --out for it"
-            )
-        taken[folder] = file
-    return {path_shown(file): folder for folder, file in taken.items()}
+    folders = {path_shown(file): out / stem_of(file) for file in files}
+    if len({*folders.values()}) < len(files):
+        raise InputError(
+            "two of the files have the same name; choose another --out for one of them"
+        )
+    return folders
 
 
 def infer(
@@ -245,13 +228,12 @@ def infer(
     begin = time.perf_counter()
     with share_bar("sampling") as watch:
         estimate, likelihood = method.infer(choice.named_in(recording), model, rng, watch)
-    seconds = time.perf_counter() - begin
-    estimate = replace(estimate, seconds=seconds, remarks=all_remarks(estimate, recording))
-    fit = Fitted(recording, model, (estimate,), told)
-    if estimate.draws is None:
+    estimate = replace(estimate, seconds=time.perf_counter() - begin)
+    estimate = replace(estimate, remarks=all_remarks(estimate, recording))
+    fit, draws, plant = Fitted(recording, model, (estimate,), told), estimate.draws, choice.element
+    if draws is None:
         print_posterior(fit)
         return
-    draws, plant = estimate.draws, choice.element
     quantities = sampled_parameters(draws, model) + derived(draws, model, recording, plant)
     predictive = predictive_band(draws, likelihood, rng)
     notes = [choice.words, *(loop_notes(draws, model, plant) if plant is not None else [])]

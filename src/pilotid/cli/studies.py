@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
 from pilotid.cli import options
 from pilotid.datasets.people import PEOPLE, fetch, recordings_in
+from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import AUTO
 from pilotid.pilot.element import element_named
 from pilotid.recordings.files import Reading, load_recording, read_with
 from pilotid.support import disk
 from pilotid.support.format import Line, show, table
 from pilotid.support.numbers import DEFAULT_SEED
-from pilotid.support.terminal import make_console, show_page
+from pilotid.support.terminal import make_console, show_page, with_bar
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
     from pilotid.datasets import Scenario
-    from pilotid.study.table import Store
+    from pilotid.study.table import Fit, Store
 
+Format = Literal["csv", "mat", "npz"]
 #: What reports of studies are written as.
 TABLES = (
     *("report.html", "report.md"),
@@ -45,15 +47,16 @@ def compare(
     time_limit: float = 600.0,
     retry_failed: bool = False,
     people: str | None = None,
+    imported: Path | None = None,
     plot: bool = False,
     force: bool = False,
     out: Path = Path("results/compare"),
 ) -> None:
     """Compare methods on simulated recordings whose truth is known."""
-    from pilotid.cli.running import with_progress
     from pilotid.datasets import CATALOGUE
     from pilotid.methods import methods
-    from pilotid.study.study import PROFILES, UNANSWERED, Study, counts_of
+    from pilotid.study.exchange import enter_estimates, read_estimates, read_manifest
+    from pilotid.study.study import PROFILES, UNANSWERED, Study
     from pilotid.study.table import Store
 
     if people is not None:
@@ -69,25 +72,50 @@ def compare(
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler exclude each other; leave one out")
     default, count = PROFILES[profile]
+    manifest = None if imported is None else read_manifest(imported)
+    if manifest is not None:
+        default, count = manifest.scenarios, manifest.replications
     like_it = [] if like is None else [scenario_like(like, seed)]
     names = options.names_of(scenario, () if like_it else default, list(CATALOGUE))
     tried = options.names_of(method, list(methods()), list(methods()))
     count = replications or count
     study = Study([*like_it, *names], tried, count, seed)
-    disk.require_folder(out, TABLES, read_with([like] if like else []), force=force)
-    with Store(out, create=True) as store, options.resumable(store.path):
+    read = [imported] if imported else []
+    disk.require_folder(out, TABLES, [*read, *read_with([like] if like else [])], force=force)
+    theirs = read_estimates(imported, manifest, study) if imported and manifest else []
+    with Store(out, create=True) as store:
         pending = study.enter(store, retry=retry_failed)
+        enter_estimates(store, theirs)
         size = len(study.keys)
         if held := size - len(pending):
-            words = f"{store.path}: holds {held} of {size} fits already"
-            make_console().print(words, soft_wrap=True)
+            show(make_console(), f"{store.path}: holds {held} of {size} fits already")
         results = study.run(store, pending, workers, scheduler, time_limit or None)
-        told = with_progress(results, counts_of(pending), workers)
+        told = with_bar(results, "fits", len(pending))
         unanswered = sum(result.message == UNANSWERED for result in told)
         _finish(out, store, plot=plot)
-        if unanswered:
-            make_console(errors=True).print(f"pilotid: {unanswered} fits gave no answer")
-            raise typer.Exit(1)
+    if unanswered:
+        make_console(errors=True).print(f"pilotid: {unanswered} fits gave no answer")
+        raise typer.Exit(1)
+
+
+def export(
+    scenario: str,
+    *,
+    replications: int,
+    kind: Format = "csv",
+    seed: int = DEFAULT_SEED,
+    out: Path,
+    force: bool = False,
+) -> None:
+    """Write a study's recordings as files for other languages, and their truth apart."""
+    from pilotid.study.exchange import MANIFEST
+    from pilotid.study.exchange import export as exported
+
+    names = split_list(scenario)
+    made = exported(names, replications, seed, out, kind, force=force)
+    words = f"{out / MANIFEST}: {len(made.recordings)} recordings; the truth is in {out / 'truth'}"
+    fits = f"fits of yours: pilotid compare --estimates {out / 'mine.csv'} --seed {seed}"
+    show(make_console(), words, fits)
 
 
 def report(folder: Path, *, out: Path | None = None, force: bool = False) -> None:
@@ -162,7 +190,6 @@ def trust(
 
     The first method that is named is the one whose fit is judged, else mle.
     """
-    from pilotid.cli.running import with_progress
     from pilotid.datasets.named import model_place
     from pilotid.methods import methods
     from pilotid.report.study import overview, write_report
@@ -176,8 +203,11 @@ def trust(
         recording = replace(recording, controlled_element=element_named(element).name)
     chosen = options.selected_model(recording, model, seed)
     trial = trial_of(recording, chosen, options.names_of(method, [], list(methods())), seed)
-    with options.resumable(out):
-        found = trial.run(out, replications, seed, workers, model_place(model), with_progress)
+
+    def progress(results: Iterator[Fit], counts: Mapping[str, int]) -> Iterator[Fit]:
+        return with_bar(results, "fits", sum(counts.values()))
+
+    found = trial.run(out, replications, seed, workers, model_place(model), progress)
     page = write_report(out, found.comparison)
     told = found.to_dict()
     words, losses, rankings = overview(found.comparison)
@@ -224,22 +254,19 @@ def compare_people(
     methods = options.methods_of(method, USUAL)
     folder = fetch(name)
     people = PEOPLE[name]
-    with options.resumable(out):
-        found = analyse(
-            recordings_in(folder, name),
-            people["pattern"],
-            [people["model"]],
-            list(methods.values()),
-            out=out,
-            left_out=True,
-            reading=Reading(
-                (people["map"],) if people["map"] else (),
-                float(people["dt"]) if people["dt"] else None,
-            ),
-            seed=seed,
-            workers=workers,
-            force=force,
-        )
+    mapping = (people["map"],) if people["map"] else ()
+    found = analyse(
+        recordings_in(folder, name),
+        people["pattern"],
+        [people["model"]],
+        list(methods.values()),
+        out=out,
+        left_out=True,
+        reading=Reading(mapping, float(people["dt"]) if people["dt"] else None),
+        seed=seed,
+        workers=workers,
+        force=force,
+    )
     report = found.write(f"pilotid compare --people {name}")
     left_out = left_out_table(found.results)
     show(make_console(), left_out, f"report: {report}")
