@@ -489,8 +489,8 @@ def _not_compared(fits: Fits) -> Iterator[str]:
     if unlike:
         yield (
             "No model is determined in all conditions of "
-            f"{', '.join(unlike)}: their parameters are not compared; variances, crossovers and "
-            "margins, which mean the same in every model, are."
+            f"{', '.join(unlike)}: their parameters are not compared; variances, crossovers, "
+            "margins and effective delays, which mean the same in every model, are."
         )
     if unsuited:
         yield (
