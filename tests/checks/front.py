@@ -89,7 +89,7 @@ def fit() -> str:
     recording = pilotid.simulate(scenario, 1)
     found = [pilotid.identify(recording, scenario.model, name) for name in ("mle", "fourier")]
     figure, both = plt.subplots(2, 1, figsize=(7.2, 4.2), layout="constrained", sharex=True)
-    pilotid.plot.describing_function(*found, truth=scenario.values, axes=tuple(both))
+    pilotid.plot.describing_function(*found, truth=scenario.values, axes=both)
     alt = "Visual channel of one recording: mle with its band, fourier with error bars, and truth"
     return svg(figure, "fit", alt)
 
