@@ -17,13 +17,13 @@ from helpers import (
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.remnant import Remnant
 from pilotid.estimates.estimate import Starts
-from pilotid.lines.fit import fit_lines
 from pilotid.methods.mle import MLE
 from pilotid.pilot.element import position_control
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import minimise
+from pilotid.spectral.equations import fit_lines
 from pilotid.support.numbers import recording_rng
 from pilotid.support.types import FloatArray
 from pilotid.time_domain import prediction as reduction

@@ -38,6 +38,12 @@ from pilotid.support.remarks import OF_STICK, codes_in
 from pilotid.support.terminal import make_console, show_page, show_warning, with_bar
 from pilotid.support.types import FloatArray, InputError, one_line
 
+#: What `list` shows first; all else is under "more".
+CORE = {
+    "models": ("single", "multi", "gain", "lead-lag"),
+    "methods": ("mle", "fourier", "arx", "sindy", "bayes"),
+    "scenarios": ("nominal", "single", "population-usual"),
+}
 STOPPED = 130  # the status that shells give to a program that Ctrl-C ended
 LARGEST_TRUTH = 2**22  # bytes of a file that names true parameters
 app = typer.Typer(
@@ -103,7 +109,7 @@ def program(
 
 @app.command("list")
 def list_names() -> None:
-    """List models, methods and scenarios."""
+    """List models, methods and scenarios, the usual ones first."""
     from pilotid.datasets import CATALOGUE
     from pilotid.methods import methods
 
@@ -112,7 +118,9 @@ def list_names() -> None:
         "methods": {name: _first_line(m) for name, m in methods().items()},
         "scenarios": {s.name: s.description for s in CATALOGUE.values()},
     }
-    for title, entries in summaries.items():
+    core = {title: {name: summaries[title].pop(name) for name in CORE[title]} for title in CORE}
+    more = {f"more {title}": entries for title, entries in summaries.items()}
+    for title, entries in (core | more).items():
         lines = (f"  {name:<20} {text}" for name, text in entries.items())
         show(make_console(), Line(title, "heading"), *lines)
 
@@ -261,6 +269,6 @@ def _fitted(
 
 for command in (
     *(simulate, fit, check, posterior, analyse, design, studies.compare, studies.trust),
-    *(studies.report, studies.compare_studies, studies.fetch_data),
+    *(studies.export, studies.report, studies.compare_studies, studies.fetch_data),
 ):
     app.command()(options.as_command(command))

@@ -49,6 +49,8 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "compare method": ("[LABEL=]NAME", "Method, as for fit; LABEL=NAME gives it a label."),
     "scenario": ("NAME", "'nominal(runs=3)', file.py:NAME; repeat, use commas, or say all."),
     "simulate scenario": ("SCENARIO", "See `pilotid list`."),
+    "export scenario": ("SCENARIO", "See `pilotid list`; several with commas."),
+    "export out": ("DIR", "Folder of the recordings."),
     "design scenario": ("[SCENARIO]", "Pilot, loop, remnant and reference forcing; else nominal."),
     "like": ("FILE", "The scenario of a recording as mle fits it, or of a trust.json."),
     "fix": ("fnm=12,dnm=.1..0.5", "Parameters held at a value, or searched between others."),
@@ -57,7 +59,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "seed": ("", "Seed of all random numbers."),
     "workers": ("", "Processes; default: one for each processor."),
     "out": ("DIR", "Results folder; what is done there is kept."),
-    "simulate out": ("F.csv", "Recording to write, .csv or .mat."),
+    "simulate out": ("F.csv", "Recording to write, .csv, .mat or .npz."),
     "report out": ("DIR", "Another folder for the report, if DIR is read-only."),
     "force": ("", "Write over files that are there already."),
     "ignore": ("CODE", "Code of a warning that is left out; repeat, or use commas."),
@@ -76,6 +78,8 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "retry_failed": ("", "Fit again what crashed, died, or ran out of memory or time."),
     "name": ("NAME", "Which; none lists what there is."),
     "source": ("FOLDER", "Take the files from here: no download."),
+    "kind": ("", "Format of the recordings."),
+    "imported": ("F.csv", "Estimates by other programs, in the folder of their `export`."),
     "people": ("NAME", "Published recordings of people instead; see fetch-data."),
     # Experiments.
     "pattern": ("'subj{subject}_{condition}'", "What the files' names say; {run} tells runs."),
@@ -96,7 +100,10 @@ MEANINGS: dict[str, tuple[str, str]] = {
 }
 ONLY = Parameter.KEYWORD_ONLY
 #: Options that are not called like their parameters, which are reserved words or other things.
-SPELLED = {"mapping": "--map", "estimates": "--from", "source": "--from"}
+SPELLED = {
+    **{"mapping": "--map", "estimates": "--from", "source": "--from"},
+    **{"imported": "--estimates", "kind": "--format"},
+}
 
 
 def spelled(name: str) -> str:

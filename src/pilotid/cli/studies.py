@@ -6,12 +6,13 @@ import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
 from pilotid.cli import options
 from pilotid.datasets.people import PEOPLE, fetch, recordings_in
+from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import AUTO
 from pilotid.pilot.element import element_named
 from pilotid.recordings.files import Reading, load_recording, read_with
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from pilotid.datasets import Scenario
     from pilotid.study.table import Fit, Store
 
+Format = Literal["csv", "mat", "npz"]
 #: What reports of studies are written as.
 TABLES = (
     *("report.html", "report.md"),
@@ -45,6 +47,7 @@ def compare(
     time_limit: float = 600.0,
     retry_failed: bool = False,
     people: str | None = None,
+    imported: Path | None = None,
     plot: bool = False,
     force: bool = False,
     out: Path = Path("results/compare"),
@@ -52,6 +55,7 @@ def compare(
     """Compare methods on simulated recordings whose truth is known."""
     from pilotid.datasets import CATALOGUE
     from pilotid.methods import methods
+    from pilotid.study.exchange import enter_estimates, read_estimates, read_manifest
     from pilotid.study.study import PROFILES, UNANSWERED, Study
     from pilotid.study.table import Store
 
@@ -68,14 +72,20 @@ def compare(
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler exclude each other; leave one out")
     default, count = PROFILES[profile]
+    manifest = None if imported is None else read_manifest(imported)
+    if manifest is not None:
+        default, count = manifest.scenarios, manifest.replications
     like_it = [] if like is None else [scenario_like(like, seed)]
     names = options.names_of(scenario, () if like_it else default, list(CATALOGUE))
     tried = options.names_of(method, list(methods()), list(methods()))
     count = replications or count
     study = Study([*like_it, *names], tried, count, seed)
-    disk.require_folder(out, TABLES, read_with([like] if like else []), force=force)
+    read = [imported] if imported else []
+    disk.require_folder(out, TABLES, [*read, *read_with([like] if like else [])], force=force)
+    theirs = read_estimates(imported, manifest, study) if imported and manifest else []
     with Store(out, create=True) as store:
         pending = study.enter(store, retry=retry_failed)
+        enter_estimates(store, theirs)
         size = len(study.keys)
         if held := size - len(pending):
             show(make_console(), f"{store.path}: holds {held} of {size} fits already")
@@ -86,6 +96,26 @@ def compare(
     if unanswered:
         make_console(errors=True).print(f"pilotid: {unanswered} fits gave no answer")
         raise typer.Exit(1)
+
+
+def export(
+    scenario: str,
+    *,
+    replications: int,
+    kind: Format = "csv",
+    seed: int = DEFAULT_SEED,
+    out: Path,
+    force: bool = False,
+) -> None:
+    """Write a study's recordings as files for other languages, and their truth apart."""
+    from pilotid.study.exchange import MANIFEST
+    from pilotid.study.exchange import export as exported
+
+    names = split_list(scenario)
+    made = exported(names, replications, seed, out, kind, force=force)
+    words = f"{out / MANIFEST}: {len(made.recordings)} recordings; the truth is in {out / 'truth'}"
+    fits = f"fits of yours: pilotid compare --estimates {out / 'mine.csv'} --seed {seed}"
+    show(make_console(), words, fits)
 
 
 def report(folder: Path, *, out: Path | None = None, force: bool = False) -> None:

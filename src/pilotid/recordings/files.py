@@ -39,7 +39,7 @@ from pilotid.support.types import FloatArray, InputError
 
 TEXTS = (".csv", ".txt", ".tsv", ".dat")
 READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz")
-WRITTEN = (".csv", ".mat")
+WRITTEN = (".csv", ".mat", ".npz")
 SNAP = 1e-4  # relative: a rate this close to a whole number of hertz is that number
 
 
@@ -226,7 +226,7 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     recording
         What to write.
     path
-        The file, .csv (a sidecar .json is written beside it) or .mat.  Each is
+        The file, .csv (a sidecar .json is written beside it), .mat or .npz.  Each is
         complete or not there: it is written under another name and then renamed.
 
     Raises
@@ -238,7 +238,8 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
 
     source = path_shown(path)
     file = Path(path)
-    is_csv = _suffix(file, source, WRITTEN) == ".csv"
+    suffix = _suffix(file, source, WRITTEN)
+    is_csv = suffix == ".csv"
     time = [f"{t:.12g}" for t in recording.time.tolist()]
     t = np.array(time, dtype=float) if is_csv else recording.time
     columns: dict[str, FloatArray] = {}
@@ -258,11 +259,15 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     }
     notes = parsed(facts, source).model_dump(exclude_defaults=True)
     if not is_csv:
-        from scipy.io import savemat  # heavy, and CSV does not need it
-
         stream = io.BytesIO()
         turned = {name: runs.T for name, runs in columns.items()}
-        savemat(stream, {"t": t[:, np.newaxis], NOTES: notes, **turned})  # type: ignore[arg-type]
+        if suffix == ".npz":
+            everything: dict[str, Any] = {"t": t, **_flat(notes, NOTES), **turned}
+            np.savez_compressed(stream, **everything)
+        else:
+            from scipy.io import savemat  # heavy, and the others do not need it
+
+            savemat(stream, {"t": t[:, np.newaxis], NOTES: notes, **turned})  # type: ignore[arg-type]
         write_file(file, stream.getvalue())
         return
     cells = [["t", *time]]
@@ -272,6 +277,15 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     text = "".join(",".join(row) + "\n" for row in zip(*cells, strict=True))
     write_file(file, text.encode())
     write_file(sidecar_path(file), f"{json.dumps(notes, indent=2, ensure_ascii=False)}\n".encode())
+
+
+def _flat(notes: Mapping[str, Any], path: str) -> dict[str, Any]:
+    """Entries of nested notes by their dotted paths."""
+    found: dict[str, Any] = {}
+    for key, entry in notes.items():
+        own = f"{path}.{key}"
+        found |= _flat(entry, own) if isinstance(entry, dict) else {own: entry}
+    return found
 
 
 def _suffix(file: Path, source: str, known: Collection[str]) -> str:

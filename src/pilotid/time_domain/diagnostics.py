@@ -15,12 +15,12 @@ import numpy as np
 
 from pilotid.estimates.estimate import Estimate, is_at_bound
 from pilotid.estimates.parts import RemnantEstimate, Specification
-from pilotid.lines.fit import specification_of
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.plant import element_changes, is_gain
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
+from pilotid.spectral.equations import specification_of
 from pilotid.support.limits import ESTIMATE, RECORDER
 from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.remarks import Remark
@@ -316,7 +316,7 @@ def _held(recording: Recording) -> Remark | None:
 
 
 def _answered_at_once(recording: Recording, model: PilotModel) -> Remark | None:
-    """A word on position control, see docs/populations.md for what it does to intervals."""
+    """A word on position control, see docs/measurements.md for what it does to intervals."""
     outside = all(channel.on == "ft" for channel in model.channels)  # of any loop
     if outside or not is_gain(recording):
         return None

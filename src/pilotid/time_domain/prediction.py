@@ -455,6 +455,16 @@ class Prediction:
             for response, spectrum in zip(fixed, self.spectra, strict=True)
         ]
 
+    @property
+    def signals(self) -> tuple[FloatArray, list[FloatArray]]:
+        """Control and signed inputs behind their fixed dynamics, each (runs, first + scored)."""
+        end = self.first + self.scored
+        control, *inputs = (
+            np.fft.irfft(spectrum, n=self.length)[:, :end]
+            for spectrum in (self.control_spectrum, *self.inputs)
+        )
+        return control, inputs
+
     def varying(self, values: FloatArray) -> list[ComplexArray | None]:
         """Per channel, the transform of its input where it varies, (sets, runs, bins), or None.
 

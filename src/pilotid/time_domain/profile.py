@@ -24,7 +24,7 @@ from pilotid.time_domain.optimum import Optimum
 
 #: About the interval of the time of a change, and of its rate, what is tried of the one (seconds
 #: beyond the interval, rates [1/s]: about two a decade), and from where the other is searched
-#: (rates, seconds about the time); tuned on adapting-slow and adapting-fast, docs/adapting.md.
+#: (rates, seconds about the time); tuned on adapting-slow and adapting-fast.
 SHIFTS, FROM_RATES = (0.25, 0.75, 1.5, 2.5, 4.0, 6.0), (0.4, 20.0)
 RATES, FROM_SHIFTS = (0.1, 0.2, 0.4, 0.8, 2.0, 6.0, 20.0, 100.0), (-2.0, -1.0, 0.0, 1.0, 2.0)
 
@@ -144,7 +144,7 @@ def deviances(found: Optimum) -> FloatArray:
 
     When a change was and how fast are one event with many optima, and the likeliest of these
     exceeds the truth by more than a single parameter's share: intervals of both are the shadows of
-    their joint region, that of two degrees of freedom (docs/adapting.md has what was measured).
+    their joint region, that of two degrees of freedom.
     """
     sought = np.full(found.joint.pilot, CHI_SQUARED_95)
     sought[list(found.joint.prediction.model.change)] = CHI_SQUARED_95_OF_TWO

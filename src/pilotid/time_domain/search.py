@@ -24,11 +24,11 @@ import numpy as np
 
 from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.estimate import Starts, is_at_bound
-from pilotid.lines.fit import Pilots, fit_lines
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise, solve_linear
 from pilotid.solve.search import draw_starts, search
+from pilotid.spectral.equations import are_pilots, fit_lines
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.noise import RemnantChoice
@@ -105,7 +105,7 @@ def lines_pilot(
         return None
     fit = fit_lines(recording, model, rng, candidates=96, refined=SEARCH.lines_refined, same=0.01)
     pilot = fit.values[None]
-    return pilot if np.isfinite(pilot).all() and Pilots(recording, model)(pilot)[0] else None
+    return pilot if np.isfinite(pilot).all() and are_pilots(recording, model, pilot)[0] else None
 
 
 def is_sound(model: PilotModel, lines: FloatArray | None) -> bool:

@@ -76,7 +76,7 @@ class SearchSettings:
     max_edge_information
         Tuned: share of the information on any parameter near the edge of a loop that answers at
         once: a narrower band biases delays by up to 10 % (eight pilots in position control, 40
-        runs each; docs/remnant.md).
+        runs each).
     max_lost_information
         Tuned: share of the information near the edge of other loops, where it is lost: steps have
         .13 to .31 there, multisines .00 to .07 (populations usual and inner, seed 3003).
@@ -108,7 +108,7 @@ class SearchSettings:
         estimate decides no more than that (populations).
     band_pass_penalty
         Tuned: by which a band-pass must predict better, since its corner and the gain explain one
-        another (nominal, seed 1; exotic, seed 1502; docs/remnant.md).
+        another (nominal, seed 1; exotic, seed 1502).
     competing_criterion
         Statistics: by which another optimum's criterion may be higher to compete: more than the
         3.84 of an interval's end.
@@ -134,5 +134,5 @@ class SearchSettings:
 SEARCH = SearchSettings()
 
 #: Tuned: over the scored time, by how much likelihood ratios exceed chi-squared, as pilot and
-#: remnant share what there is [s] (short, seeds from 1000; docs/remnant.md).
+#: remnant share what there is [s] (short, seeds from 1000).
 BARTLETT_SECONDS = 5.0
