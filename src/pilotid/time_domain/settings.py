@@ -98,3 +98,7 @@ COMPETING_CRITERION = 5.0
 #: Tuned: over the scored time, by how much likelihood ratios exceed chi-squared, as pilot and
 #: remnant share what there is [s] (short, seeds from 1000).
 BARTLETT_SECONDS = 5.0
+#: Tuned: deviance below which a recording does not tell an unusual neuromuscular system from a
+#: usual one: the best of many local optima exceeds the truth by up to 13 (disturbances of low
+#: frequency alone, 60 recordings).
+USUAL_SYSTEM_DEVIANCE = 15.0
