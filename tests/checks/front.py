@@ -46,7 +46,8 @@ def ranking(rows: pd.DataFrame) -> str:
         time = f"{times[f'fit[{method}-multi-1]']['ms']:.0f}"
         cells = [f"`{method}`", loss, *numbers, f"{100.0 * whole['coverage_95']:.0f} %", time]
         lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+    took = f"*The quick comparison took {times['compare']['ms'] / 1000.0:.0f} s (`nox -s bench`).*"
+    return "\n".join([*lines, "", took])
 
 
 def comparison(rows: pd.DataFrame) -> str:
@@ -89,7 +90,7 @@ def fit() -> str:
     recording = pilotid.simulate(scenario, 1)
     found = [pilotid.identify(recording, scenario.model, name) for name in ("mle", "fourier")]
     figure, both = plt.subplots(2, 1, figsize=(7.2, 4.2), layout="constrained", sharex=True)
-    pilotid.plot.describing_function(*found, truth=scenario.values, axes=tuple(both))
+    pilotid.plot.describing_function(*found, truth=scenario.values, axes=both)
     alt = "Visual channel of one recording: mle with its band, fourier with error bars, and truth"
     return svg(figure, "fit", alt)
 

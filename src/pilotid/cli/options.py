@@ -90,7 +90,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "left_out": ("", "Leave-one-run-out cross-validation."),
     "exclude": ("subject=6,condition=C4", "Recordings to leave out; repeat."),
     "factors": (
-        "'motion=C1,C2:off;C3,C4:on;...'|F.csv|FIELDS",
+        "'motion=C1,C2:off;C3,C4:on;...'|FIELDS",
         "Factors that conditions are combinations of, or fields of the pattern that are factors.",
     ),
     # Designs.

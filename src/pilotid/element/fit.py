@@ -18,6 +18,7 @@ from pilotid.estimates.loops import LoopElement
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.checks import remarks
+from pilotid.recordings.detectors import findings
 from pilotid.recordings.element_forms import (
     FormFit,
     fits_of,
@@ -26,7 +27,7 @@ from pilotid.recordings.element_forms import (
     spectra_in_window,
     spectra_of,
 )
-from pilotid.recordings.recording import Recording, remembered
+from pilotid.recordings.recording import Recording, remembered, unit_sized
 from pilotid.support.limits import ELEMENT
 from pilotid.support.numbers import Z95
 from pilotid.support.remarks import Remark, remark_of
@@ -279,7 +280,9 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
     """
     found = identified_element(recording)
     named = parsed_element(recording.controlled_element)
-    shown = found.element if found.sound else None
+    fault = next((f for f in findings(unit_sized(recording)) if f.grade != "note"), None)
+    shifted = fault and fault.code == "late-signal" and abs(fault.size) > ELEMENT.late
+    shown = found.element if found.sound and not shifted else None
     told = []
     for element, what in ((given, "given"), (named, "that the file names")):
         sentence = differs(element, shown, OMEGA, what) if element and shown else None
@@ -294,7 +297,7 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
     cure = "name the element, for example --element 4/s^2"
     if CHANGES in found.remark:
         cure = "fit the parts with --span"
-    why = f"no loops: {found.remark}; {cure}"
+    why = f"no loops: {fault.sentence if fault else f'{found.remark}; {cure}'}"
     return ElementChoice(why=why, identified=found, remarks=tuple(told))
 
 
