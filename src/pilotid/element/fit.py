@@ -36,9 +36,7 @@ from pilotid.support.types import FloatArray
 LARGEST = 1e100  # of a gain, whose square must not overflow
 #: Where loops cross over [rad/s].
 OMEGA = np.geomspace(0.5, 6.0, 40)
-NAME_IT = "name the element, for example --element 4/s^2"
 CHANGES = "it changes within a run"
-POOR = "control and output follow no one controlled element"
 ADVICE = (
     "it may change within a run, a disturbance may be missing, or a name or a sign may be wrong"
 )
@@ -226,7 +224,10 @@ def _short(value: float, error: float) -> tuple[float, int]:
 
 def _remark(element: ControlledElement, explained: float, error: float) -> str:
     if explained < ELEMENT.sound:
-        return f"{POOR}: the best of low order explains {explained:.0f} % of x; {ADVICE}"
+        return (
+            "control and output follow no one controlled element: the best of low order explains "
+            f"{explained:.0f} % of x; {ADVICE}"
+        )
     if error > ELEMENT.known:
         return (
             f"control and output tell the controlled element, {element.name}, to within "
@@ -293,7 +294,9 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
     for element, origin in ((given, GIVEN), (named, FILE), (shown, SIGNALS)):
         if element is not None:
             return ElementChoice(element, origin, identified=found, remarks=tuple(told))
-    cure = "fit the parts with --span" if CHANGES in found.remark else NAME_IT
+    cure = "name the element, for example --element 4/s^2"
+    if CHANGES in found.remark:
+        cure = "fit the parts with --span"
     why = f"no loops: {fault.sentence if fault else f'{found.remark}; {cure}'}"
     return ElementChoice(why=why, identified=found, remarks=tuple(told))
 

@@ -15,8 +15,6 @@ from pilotid.support.types import BoolArray, FloatArray
 
 #: Ratio of the smallest to the largest eigenvalue below which rounding decides.
 SINGULAR = 1e-13
-#: Directions of which a segment knows less than this share of the average do not count.
-LEAST_KNOWN = 1e-4
 
 
 def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
@@ -178,7 +176,8 @@ def score_dispersion(rows: FloatArray, estimated: int, length: int) -> tuple[flo
     scores -= information @ share
     sizes, directions = np.linalg.eigh(information)
     along = np.einsum("kpq,kp->kq", directions, scores)
-    told = sizes > LEAST_KNOWN * whole.shape[2]  # the mean of the diagonal is one a sample
+    # The mean of the diagonal is one a sample: what is known next to nothing of does not count.
+    told = sizes > 1e-4 * whole.shape[2]
     variance = float(np.mean(errors**2))
     statistic = float(np.sum(along[told] ** 2 / sizes[told])) / (variance or 1.0)
     return statistic, int(np.count_nonzero(told)) - int(np.count_nonzero(known))

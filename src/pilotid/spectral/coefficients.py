@@ -12,17 +12,11 @@ from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import coefficients_at, forcing_lines
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray, IntArray
 
-#: Least power of the remnant at a line as a share of the control's there: far below what
-#: any recording resolves, it keeps weights finite without a remnant.
-LARGEST = 50.0  # of the logarithm of a response
-QUIETEST = 1e-12
 #: Bins beside each line that tell leakage and power, and the order of the polynomial that leakage
 #: follows there.
 NEIGHBOURS, TREND = 16, 1
 #: Adjacent lines whose scatter between runs is averaged.
 POOLED = 5
-#: Order of the polynomial in frequency that a way through the loop is taken for beside a line.
-PATH = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +125,8 @@ class Coefficients:
         bins = residuals[:, self.beside]
         left = np.einsum("rnb,nbc,rnc->n", bins.conj(), self.detrend, bins).real / runs
         power = left * (1.0 + np.sum(self.trend**2, axis=1)) / runs
-        least = QUIETEST * np.abs(self.at_lines(self.control[:, : self.lines])) ** 2
+        # Far below what any recording resolves, it keeps weights finite without a remnant.
+        least = 1e-12 * np.abs(self.at_lines(self.control[:, : self.lines])) ** 2
         power = np.maximum(power, least)
         having = self.weights != 0.0  # the runs that have each line
         free = having.sum(axis=0) - 1
@@ -174,7 +169,7 @@ class Coefficients:
             ratio = control / self.at_lines(reference[:, : self.lines])
             logarithm = interpolation(omega, self.omega) @ _logarithm(ratio[known])
             # Where the error is next to nothing at a line the ratio says nothing, however large.
-            everywhere = np.exp(np.minimum(logarithm.real, LARGEST) + 1j * logarithm.imag)
+            everywhere = np.exp(np.minimum(logarithm.real, 50.0) + 1j * logarithm.imag)
             residuals = self.control - everywhere * reference
             leakage = self.leakage(residuals)
         return np.asarray(residuals)
@@ -314,7 +309,7 @@ def _paths(
     square = (omega[beside] / omega[:lines, None]) ** 2
     distance = omega[beside] - omega[:lines, None]
     distance = distance / np.max(np.abs(distance), axis=1, keepdims=True)
-    smooth = distance[..., None] ** np.arange(PATH + 1)
+    smooth = distance[..., None] ** np.arange(3)
     trend = np.linalg.qr(smooth[..., :2]).Q
 
     def detrended(columns: ComplexArray) -> ComplexArray:

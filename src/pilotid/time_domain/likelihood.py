@@ -107,7 +107,7 @@ class Likelihood(Problem):
     def squares(self, values: FloatArray) -> FloatArray:
         """Inner products of `rows`, in a band weighted and with those outside, of its squares."""
         prediction = self.prediction
-        regressed = self.noise.regressive and not any(prediction.terms)
+        regressed = self.noise.regressive and prediction.block > 1 and not any(prediction.terms)
         if self.terms is None:
             return super().products(values)
         if regressed and prediction.weights is None:

@@ -152,7 +152,6 @@ def fine_input(
 MAX_BINNED_WIDTH = 0.35
 #: What a unit of the element's output is in each input of a channel.
 CLOSED = {"e": -1.0, "x": 1.0, "ft": 0.0}
-GONE = 0.25  # of the pre-history, the time constant of a free decay that is over then
 BESIDE = 1.05  # ratio of the time constants of decays about one: it, and its slope
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
@@ -235,7 +234,8 @@ class Prediction:
             Parameters, shape (parameters,).
         """
         lag = self.model.slowest_lag(values)
-        return lag if 0.0 < GONE * self.pre_history < lag else 0.0
+        # After four time constants a decay is over.
+        return lag if 0.0 < 0.25 * self.pre_history < lag else 0.0
 
     def with_decays(self, values: FloatArray) -> Prediction:
         """The same with the free decay of the slowest lag, where it outlasts the pre-history.
@@ -604,7 +604,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     return Prediction(
         model=model,
         band=analysis_band(recording.dt, band),
-        s=_laplace(length, prepared.dt),
+        s=2j * np.pi * np.fft.rfftfreq(length, prepared.dt),
         spectra=tuple(
             channel.sign * transformed(signal, below)
             if own is None
@@ -638,7 +638,3 @@ def weighted(
     control, dt = prediction.control, prediction.dt
     weighting = weighting_of(recording, prediction.model, control, dt, others)
     return replace(prediction, weighting=weighting)
-
-
-def _laplace(length: int, dt: float) -> ComplexArray:
-    return np.asarray(2j * np.pi * np.fft.rfftfreq(length, dt), dtype=complex)

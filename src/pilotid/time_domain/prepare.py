@@ -104,7 +104,6 @@ def fast_length(samples: int) -> int:
 SHORTEST_SCORED = 3.0  # seconds that must remain to be scored
 DIFFERENCE_REACH = 12  # samples on either side that a central difference uses
 ATTENUATION = 50.0  # dB, of the low-pass filter
-TRANSITION = 0.35  # width of its transition, as a share of the band
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,8 +186,9 @@ def prepare(
     centres = slice(first_scored - before * factor, first_scored + after * factor + 1, factor)
 
     scored = (total - 1 - half - first_scored - unseen) // factor + 1
-    # Large prime factors make transforms of a long window slow: up to a hundredth is left out.
-    if band is not None and scored > 20_000:
+    # Large prime factors make transforms of a long window slow: of 40 minutes and more up to a
+    # hundredth is left out.
+    if band is not None and scored > 40_000:
         scored = next(n for n in range(scored, 0, -1) if fast_length(n) == n)
 
     channels = [(recording.input(c.on), c.derivative) for c in model.channels]
@@ -210,7 +210,7 @@ def lowpass(factor: int) -> FloatArray:
     if factor == 1:
         return np.ones(1)
     cutoff = math.pi / factor  # rad per sample
-    width = TRANSITION * cutoff
+    width = 0.35 * cutoff  # of the transition
     reach = math.ceil((ATTENUATION - 8.0) / (2.285 * width) / 2.0)
     beta = 0.1102 * (ATTENUATION - 8.7)
     k = np.arange(-reach, reach + 1)

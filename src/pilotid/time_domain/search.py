@@ -37,13 +37,11 @@ from pilotid.time_domain.prediction import Prediction, predict, weighted
 from pilotid.time_domain.prepare import decimation
 from pilotid.time_domain.remnant_models import FIRST_NOISE_MODEL, WHITE, Whitener, guess_parameters
 from pilotid.time_domain.settings import (
-    CANDIDATE_DEVIANCE,
     COMPETING_CRITERION,
     LOOK_CRITERION,
     MAX_EDGE_INFORMATION,
     MAX_LOST_INFORMATION,
     SAME_OPTIMUM_DISTANCE,
-    SWEEP_DEVIANCE,
     LikelihoodSettings,
 )
 
@@ -270,12 +268,14 @@ def sweep(
     sizes = np.array([len(group) for group in met])
     kept = check.which(ends)
     passed = ends.only(np.repeat(kept, sizes[kept])).best_first()
-    candidates, agreeing = optima(passed, samples, SWEEP_DEVIANCE)
+    # The whitening of the sweep favours the pilot that it is from.
+    candidates, agreeing = optima(passed, samples, far=1000.0)
     candidates = np.concatenate([candidates, near])
     if len(candidates) > 1:
         own = own_remnants(first.joint, candidates)
         own = own.only(check.which(own))
-        candidates = optima(own, samples, CANDIDATE_DEVIANCE)[0][:, : first.joint.pilot]
+        # Binned spectra missed 170 in deviance once (populations).
+        candidates = optima(own, samples, far=300.0)[0][:, : first.joint.pilot]
     given_up = np.delete(rough.cost, [start for group in met for start in group])
     cost = np.sort(np.concatenate([np.repeat(ends.cost, sizes), given_up]))
     return candidates, Starts(cost / cost[0], agreeing), check

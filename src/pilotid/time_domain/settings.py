@@ -73,12 +73,6 @@ MAX_LOST_INFORMATION = 0.1
 #: have .90 or more; of people in stable loops some that are usable have little more than half
 #: (subject gy with `pursuit`).
 MIN_VAF_RATIO = 0.5
-#: Tuned: deviance by which an optimum of the sweep may be worse than the best: the whitening of the
-#: sweep favours the pilot that it is from (populations).
-SWEEP_DEVIANCE = 1000.0
-#: Tuned: deviance by which a candidate with its own remnant may be worse: binned spectra missed 170
-#: once, and a right optimum was left out for it (populations).
-CANDIDATE_DEVIANCE = 300.0
 #: Statistics: squared distance of ends in standard errors below which they are one.
 SAME_OPTIMUM_DISTANCE = 4.0
 #: Tuned: by which the criterion may be higher of a candidate on a first look, and of a remnant's
