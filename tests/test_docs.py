@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-import shutil
-import subprocess
 import sys
 from functools import cache
 from pathlib import Path
@@ -160,28 +158,3 @@ def test_each_method_says_what_it_assumes_and_when_to_use_it() -> None:
         for beginning in ("Assumes ", "Use it ", "Do not use it "):
             found = [p for p in paragraphs if p.startswith(beginning)]
             assert len(found) == 1, f"{method.name}: paragraphs that begin with {beginning}"
-
-
-OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
-
-
-@pytest.mark.skipif(OCTAVE is None, reason="the script of the MATLAB page needs Octave")
-def test_the_script_at_the_forcing_lines_agrees_with_fourier(tmp_path: Path) -> None:
-    import scipy.io
-
-    import pilotid
-
-    text = (DOCS / "guide/matlab.md").read_text("utf-8")
-    (script,) = [b for _, kind, b in FENCE.findall(text) if kind == "matlab" and "in Octave" in b]
-    r = pilotid.simulate("single(runs=2)", 1)
-    signals = {name: getattr(r, name).T for name in ("e", "u", "x", "ft", "fd")}
-    scipy.io.savemat(tmp_path / "run.mat", {"t": r.time, **signals})
-    (tmp_path / "lines.m").write_text(script)
-    done = subprocess.run(
-        [str(OCTAVE), "--no-gui", "lines.m"], cwd=tmp_path, capture_output=True, timeout=120
-    )
-    found = [float(line) for line in done.stdout.decode().split()]
-    published = pilotid.identify("fourier(trend=none,removed=0)", r, "single")
-    assert len(found) == 5, done.stderr.decode()
-    for value, known, error in zip(found, published.values, published.std_error, strict=True):
-        assert abs(value - known) < 2.0 * error

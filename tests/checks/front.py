@@ -46,7 +46,8 @@ def ranking(rows: pd.DataFrame) -> str:
         time = f"{times[f'fit[{method}-multi-1]']['ms']:.0f}"
         cells = [f"`{method}`", loss, *numbers, f"{100.0 * whole['coverage_95']:.0f} %", time]
         lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+    took = f"*The quick comparison took {times['compare']['ms'] / 1000.0:.0f} s (`nox -s bench`).*"
+    return "\n".join([*lines, "", took])
 
 
 def comparison(rows: pd.DataFrame) -> str:

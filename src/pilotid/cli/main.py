@@ -9,6 +9,7 @@ import inspect
 import json as json_text
 import sys
 import tempfile
+import time
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -19,21 +20,27 @@ from typing import Annotated, NoReturn
 import typer
 
 from pilotid.cli import options, studies
-from pilotid.cli.commands import analyse, check, design, posterior
 from pilotid.estimates.applicability import refusal
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.naming.code import PluginWarning
-from pilotid.naming.settings import labelled
-from pilotid.pilot.catalogue import AUTO, MODELS
+from pilotid.naming.settings import labelled, split_list
+from pilotid.pilot.catalogue import AUTO, MODELS, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with, save_recording
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.windows import sidecar_path
-from pilotid.support.disk import require_file, require_free, strict_json, write_file
+from pilotid.recordings.windows import sidecar_path, stem_of
+from pilotid.support.disk import (
+    path_shown,
+    require_file,
+    require_folder,
+    require_free,
+    strict_json,
+    write_file,
+)
 from pilotid.support.format import Line, show
-from pilotid.support.numbers import DEFAULT_SEED, draw_rng, recording_rng
+from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
 from pilotid.support.remarks import OF_STICK, codes_in
 from pilotid.support.terminal import make_console, show_page, show_warning, with_bar
 from pilotid.support.types import FloatArray, InputError, one_line
@@ -267,8 +274,133 @@ def _fitted(
     return [replace(first, choice=found.reason, compared=compared), *rest]
 
 
+def check(
+    files: list[Path],
+    *,
+    model: str = "single,multi",
+    reading: Reading,
+    joint: bool = False,
+    element: str | None = None,
+    brief: bool = False,
+    ignore: list[str] | None = None,
+    json: str | None = None,
+    force: bool = False,
+) -> None:
+    """Summarise recordings and report problems."""
+    from pilotid.report.check import check_all, summary_of
+
+    plant = element_named(element) if element else None
+    ignored = codes_in(ignore or ())
+    models = [model_named(name) for name in split_list(model)]
+    options.require_free(files, json, force=force)
+    recordings, refused = reading.all(files, joint=joint)
+    every = check_all(recordings, models, plant, ignored)
+    summary = [summary_of(every)] if len(every) > 1 else []
+    if brief and json is None:
+        show(make_console(), *(checked.brief for checked in every), *summary)
+    elif not options.write_json(json, [checked.to_dict() for checked in every]):
+        for number, checked in enumerate(every):
+            show(make_console(), *[""] * (number > 0), *checked.blocks())
+        show(make_console(), *[""] * bool(summary), *summary)
+    options.raise_refused(refused)
+
+
+#: What is written into a folder, beside figures.
+FILES = ("report.html", "draws.npy", "summary.csv", "estimate.json")
+
+
+def posterior(
+    files: list[Path],
+    *,
+    model: str = AUTO,
+    reading: Reading,
+    joint: bool = False,
+    element: str | None = None,
+    seed: int = DEFAULT_SEED,
+    out: Path | None = None,
+    force: bool = False,
+) -> None:
+    """Sample the posterior of a pilot model's parameters with emcee."""
+    from pilotid.model_choice import select
+
+    plant = element_named(element) if element else None
+    named = None if model == AUTO else model_named(model)
+    folders: dict[str, Path] = {}
+    if out is not None and len(files) > 1 and not joint:
+        folders = {path_shown(file): out / stem_of(file) for file in files}
+        if len({*folders.values()}) < len(files):
+            raise InputError("two files have one name; choose another --out for one of them")
+    for folder in folders.values() or ([out] if out else []):
+        require_folder(folder, FILES, read_with(files), force=force)
+    recordings, refused = reading.all(files, joint=joint)
+    for number, recording in enumerate(recordings):
+        selection = None if named else select(recording, seed=seed)
+        words = selection.reason if selection else ""
+        show(make_console(), *[""] * (number > 0), *[words] * bool(words))
+        chosen = selection.model if selection else named
+        assert chosen is not None
+        place = folders.get(recording.source, out)
+        infer(recording, chosen, element=plant, seed=seed, folder=place)
+    options.raise_refused(refused)
+
+
+def infer(
+    recording: Recording,
+    model: PilotModel,
+    *,
+    element: ControlledElement | None,
+    seed: int,
+    folder: Path | None,
+) -> None:
+    """Sample a posterior with emcee, write draws, summary and figures, and print what it says."""
+    from pilotid.element.fit import chosen_element
+    from pilotid.estimates.applicability import made_for, motionless_input
+    from pilotid.estimates.estimate import Outcome, failed
+    from pilotid.estimates.fitted import Fitted
+    from pilotid.estimates.method import import_libraries
+    from pilotid.estimates.warnings import all_remarks
+    from pilotid.methods.bayes import Bayes
+    from pilotid.posterior.predictive import (
+        derived,
+        loop_notes,
+        predictive_band,
+        sampled_parameters,
+    )
+    from pilotid.recordings.checks import remarks
+    from pilotid.report.posterior import print_posterior, write_posterior
+    from pilotid.support.terminal import share_bar
+
+    method = Bayes(sampler="emcee")
+    rng = fit_rng(seed, method.name)
+    told = remarks(recording)
+    choice = chosen_element(recording, element)
+    model = made_for(choice.named_in(recording), model)
+    if objection := motionless_input(recording, model):
+        nothing = failed(method.name, model, Outcome.NOT_APPLICABLE, objection)
+        print_posterior(Fitted(recording, model, (nothing,), told))
+        return
+    import_libraries(method)
+    begin = time.perf_counter()
+    with share_bar("sampling") as watch:
+        estimate, likelihood = method.infer(choice.named_in(recording), model, rng, watch)
+    estimate = replace(estimate, seconds=time.perf_counter() - begin)
+    estimate = replace(estimate, remarks=all_remarks(estimate, recording))
+    fit, draws, plant = Fitted(recording, model, (estimate,), told), estimate.draws, choice.element
+    if draws is None:
+        print_posterior(fit)
+        return
+    quantities = sampled_parameters(draws, model) + derived(draws, model, recording, plant)
+    predictive = predictive_band(draws, likelihood, rng)
+    notes = [choice.words, *(loop_notes(draws, model, plant) if plant is not None else [])]
+    fit = replace(fit, remarks=(*fit.remarks, *choice.remarks))
+    if folder is not None:
+        written = write_posterior(folder, fit, quantities, predictive, plant, notes)
+        notes += [str(path) for path in written]
+    print_posterior(fit, quantities, predictive, notes)
+
+
 for command in (
-    *(simulate, fit, check, posterior, analyse, design, studies.compare, studies.trust),
-    *(studies.export, studies.report, studies.compare_studies, studies.fetch_data),
+    *(simulate, fit, check, posterior, studies.analyse, studies.design, studies.compare),
+    *(studies.trust, studies.export, studies.report, studies.compare_studies, studies.fetch_data),
 ):
     app.command()(options.as_command(command))

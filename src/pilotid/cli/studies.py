@@ -1,9 +1,9 @@
-"""The commands on studies: `compare`, `trust`, `report`, `compare-studies` and `fetch-data`."""
+"""The commands on studies, on experiments and on designs of forcing functions."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from pilotid.study.table import Fit, Store
 
 Format = Literal["csv", "mat", "npz"]
+#: Methods that are compared on people where none is named.
+USUAL = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")
 #: What reports of studies are written as.
 TABLES = (
     *("report.html", "report.md"),
@@ -65,7 +67,21 @@ def compare(
                 "--people takes recordings in place of simulations: leave --scenario, --like, "
                 "--replications and --scheduler out"
             )
-        compare_people(people, method, seed=seed, workers=workers, force=force, out=out)
+        folder, known = fetch(people), PEOPLE[people]
+        analyse(
+            recordings_in(folder, people),
+            out=out,
+            pattern=known["pattern"],
+            model=[known["model"]],
+            method=method or [*USUAL],
+            left_out=True,
+            reading=Reading(
+                (known["map"],) if known["map"] else (), float(known["dt"]) if known["dt"] else None
+            ),
+            seed=seed,
+            workers=workers,
+            force=force,
+        )
         return
     if profile not in PROFILES:
         raise InputError(f"unknown profile '{profile}': choose from {', '.join(PROFILES)}")
@@ -84,9 +100,8 @@ def compare(
     disk.require_folder(out, TABLES, [*read, *read_with([like] if like else [])], force=force)
     theirs = read_estimates(imported, manifest, study) if imported and manifest else []
     with Store(out, create=True) as store:
-        pending = study.enter(store, retry=retry_failed)
+        pending, size = study.enter(store, retry=retry_failed), len(study.keys)
         enter_estimates(store, theirs)
-        size = len(study.keys)
         if held := size - len(pending):
             show(make_console(), f"{store.path}: holds {held} of {size} fits already")
         results = study.run(store, pending, workers, scheduler, time_limit or None)
@@ -146,12 +161,11 @@ def compare_studies(first: Path, second: Path) -> None:
     from pilotid.study.table import find_changes, read_study
 
     found, left_out = find_changes(read_study(first), read_study(second))
+    rows = found.itertuples(index=False, name=None)
     changes = table(
         [
-            (*front, loss_text(*loss), "better" if loss[2] < 1 else "worse" * (loss[1] > 1))
-            for *front, loss in (
-                (*row[:3], row[3:]) for row in found.itertuples(index=False, name=None)
-            )
+            (*row[:3], loss_text(*row[3:]), "better" if row[5] < 1 else "worse" * (row[4] > 1))
+            for row in rows
         ],
         f"Losses in {second} (B) over those in {first} (A), with 95 % intervals",
         ("scenario", "method", "parameter", "loss B / A", ""),
@@ -168,9 +182,8 @@ def scenario_like(path: Path, seed: int) -> Scenario:
     if path.suffix.lower() == ".json":
         return designed_scenario(path)
     recording = load_recording(path)
-    return trial_of(
-        recording, options.selected_model(recording, AUTO, seed), ["mle"], seed
-    ).scenario
+    model = options.selected_model(recording, AUTO, seed)
+    return trial_of(recording, model, ["mle"], seed).scenario
 
 
 def trust(
@@ -216,10 +229,6 @@ def trust(
     show(make_console(), *shown, *words, *advice(told), UNKNOWN, written)
 
 
-#: Methods that are compared on people where none is named.
-USUAL = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")
-
-
 def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
     """Fetch published recordings of people into the user's cache, or list them."""
     console = make_console()
@@ -238,36 +247,87 @@ def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
     show(console, f"The files are in {folder}:", command)
 
 
-def compare_people(
-    name: str,
-    method: Sequence[str] | None,
+def analyse(
+    files: list[Path],
     *,
-    seed: int,
-    workers: int | None,
-    force: bool,
     out: Path,
+    pattern: str | None = None,
+    model: list[str] | None = None,
+    method: list[str] | None = None,
+    contrast: list[str] | None = None,
+    keep_all: bool = False,
+    sensitivity: bool = False,
+    per_run: bool = False,
+    left_out: bool = False,
+    reading: Reading,
+    exclude: list[str] | None = None,
+    factors: str | None = None,
+    element: str | None = None,
+    fix: str | None = None,
+    ignore: list[str] | None = None,
+    seed: int = DEFAULT_SEED,
+    workers: int | None = None,
+    force: bool = False,
 ) -> None:
-    """Compare methods on published recordings, by the runs that they predict."""
-    from pilotid.experiment.experiment import analyse
-    from pilotid.experiment.report import left_out_table
+    """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
+    from pilotid.experiment.experiment import analyse as analysed
 
-    methods = options.methods_of(method, USUAL)
-    folder = fetch(name)
-    people = PEOPLE[name]
-    mapping = (people["map"],) if people["map"] else ()
-    found = analyse(
-        recordings_in(folder, name),
-        people["pattern"],
-        [people["model"]],
-        list(methods.values()),
+    found = analysed(
+        files,
+        pattern,
+        options.names_of(model, [AUTO], [AUTO]),
+        list(options.methods_of(method, ["mle"]).values()),
         out=out,
-        left_out=True,
-        reading=Reading(mapping, float(people["dt"]) if people["dt"] else None),
+        contrasts=contrast or (),
+        keep_all=keep_all,
+        sensitivity=sensitivity,
+        per_run=per_run,
+        left_out=left_out,
+        exclude=exclude or (),
+        factors=factors,
+        element=element,
+        fix=fix,
+        reading=reading,
+        ignore=ignore or (),
         seed=seed,
         workers=workers,
         force=force,
     )
-    report = found.write(f"pilotid compare --people {name}")
-    left_out = left_out_table(found.results)
-    show(make_console(), left_out, f"report: {report}")
+    path = found.write(shlex.join(options.TYPED))
+    show(make_console(), *found.blocks(path))
     options.raise_refused(found.refused)
+
+
+def design(
+    scenario: str | None = None,
+    *,
+    out: Path,
+    minimise: str = "A",
+    limit: str = "e=1,u=1",
+    estimates: Path | None = None,
+    force: bool = False,
+) -> None:
+    """Design forcing functions for small errors, within limits on error and control."""
+    from importlib.metadata import version
+
+    from pilotid.datasets import Scenario, scenario_named
+    from pilotid.datasets.named import model_place
+    from pilotid.designing.design import design as designed
+    from pilotid.designing.design import scenario_of_fit, write_files
+    from pilotid.designing.report import error_table, sentences, write_report
+
+    read = [Path(path) for path in (scenario, estimates) if path is not None]
+    disk.require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)
+    named = None if scenario is None else scenario_named(scenario)
+    chosen = named or scenario_named("nominal")
+    if not isinstance(chosen, Scenario) or chosen.violation is not None:
+        raise InputError(f"{chosen.name}: a design is for one sound loop; name a scenario")
+    if estimates is not None:
+        chosen = scenario_of_fit(estimates, chosen if named else None)
+    with make_console(errors=True).status("designing"):
+        made = designed(chosen, minimise, options.numbers_in("--limit", limit))
+    command = shlex.join(options.TYPED)
+    about = {"pilotid": version("pilotid"), "command": command}
+    write_files(out, made, about, model_place(scenario or ""))
+    page = write_report(out, made, command)
+    show(make_console(), error_table(made), *sentences(made), f"report: {page}")

@@ -299,9 +299,23 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
 
 
 @remembered
+def confirmed_element(recording: Recording) -> ControlledElement | None:
+    """The element that a recording names, if it leaves no more of x than a twentieth.
+
+    The signals need not be asked for a form then, which takes long.
+    """
+    named = parsed_element(recording.controlled_element)
+    with np.errstate(all="ignore"):  # signals that do not move, which tell nothing
+        if named and spectra_in_window(recording).unexplained(named) <= 0.5 * ELEMENT.different:
+            return named
+    return None
+
+
+@remembered
 def recording_remarks(recording: Recording) -> tuple[Remark, ...]:
     """What is wrong with a recording, and with the element that it names."""
-    return (*remarks(recording), *map(remark_of, chosen_element(recording).remarks))
+    others = () if confirmed_element(recording) else chosen_element(recording).remarks
+    return (*remarks(recording), *map(remark_of, others))
 
 
 def differs(
@@ -343,12 +357,9 @@ def closing_element(recording: Recording) -> tuple[ControlledElement | None, flo
     """The controlled element that closes the loop of a recording, and its relative error.
 
     The one that the recording names, unless its signals show another one; None if none is known.
-    The signals are asked for a form only where those named leave more of x than a twentieth.
     """
-    named = parsed_element(recording.controlled_element)
-    with np.errstate(all="ignore"):  # signals that do not move, which tell nothing
-        if named and spectra_in_window(recording).unexplained(named) <= 0.5 * ELEMENT.different:
-            return named, 0.0
+    if confirmed := confirmed_element(recording):
+        return confirmed, 0.0
     choice = chosen_element(recording)
     if choice.origin == SIGNALS or choice.remarks:
         return choice.identified.element, choice.identified.response_error

@@ -1,4 +1,4 @@
-"""What a hostile trial found, each as a test: of files, stores, numbers, outputs and Ctrl-C."""
+"""Bad arguments in Python, fits that nobody answers, files in the way, and Ctrl-C."""
 
 from __future__ import annotations
 
