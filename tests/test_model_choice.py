@@ -188,7 +188,7 @@ def test_subjects_in_two_vehicles_have_the_model_of_the_publication(measured: Pa
     """A lag in one of the two would take the delays of some subjects to zero."""
     held = {
         name: [
-            compare_models(recording, default_candidates(recording), 0, likelihood=False)
+            compare_models(recording, default_candidates(recording), 0)
             for file in sorted(measured.glob(f"adaptation/pilot*_{name}_roll.mat"))
             for recording in [load_recording(file)]
         ]

@@ -36,7 +36,7 @@ from pilotid.time_domain.constancy import changes, constancy
 from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.output_error import simulated_vaf
-from pilotid.time_domain.search import maxima_from, maximise_likelihood
+from pilotid.time_domain.search import maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings
 
 #: What JSON does not have of a candidate.
@@ -165,13 +165,11 @@ def lacking(recording: Recording) -> list[str]:
 
 
 def compare_models(
-    recording: Recording,
-    models: Sequence[PilotModel],
-    seed: int,
-    *,
-    likelihood: bool = True,
+    recording: Recording, models: Sequence[PilotModel], seed: int
 ) -> list[Candidate]:
     """What a recording says for each of several models, in their order.
+
+    The lines of forcing functions judge where there are any, else likelihoods.
 
     Parameters
     ----------
@@ -181,9 +179,6 @@ def compare_models(
         The models; those that have no input in it are left out.
     seed
         Seed of the searches' random starts.
-    likelihood
-        Whether to work out likelihoods too where the lines of forcing functions judge, of the
-        models that fit these best: most of the time goes there.
 
     Raises
     ------
@@ -197,29 +192,26 @@ def compare_models(
         raise InputError(f"{recording.source}: none of the models has its inputs in the recording")
     if any(lines_objection(recording, model) is not None for model in models):
         return by_likelihood(recording, models, seed)
-    lines = fit_forced_response(recording, models, seed)
-    found = [
+    return [
         Candidate(
             fit.model.name,
             len(fit.model.parameters),
             vaf=simulated_vaf(recording, fit.model, fit.values),
+            chi_squared=fit.misfit,
+            freedom=fit.freedom,
+            left_out_chi_squared=_left_out_misfits(fit),
+            bounds=bounds_reached(fit.model, fit.values),
+            no_delay=_no_delay(fit.model, fit.values),
+            determined=fit.determined,
         )
-        for fit in lines
+        for fit in fit_forced_response(recording, models, seed)
     ]
-    if likelihood:
-        # Its search begins where the lines lead, of the model that they favour.
-        best = min(range(len(models)), key=lambda place: lines[place].misfit)
-        found[best : best + 1] = by_likelihood(
-            recording, [models[best]], seed, lines[best].values[None]
-        )
-    return [_with_lines(candidate, fit) for candidate, fit in zip(found, lines, strict=True)]
 
 
 def by_likelihood(
     recording: Recording,
     models: Sequence[PilotModel],
     seed: int,
-    start: FloatArray | None = None,
 ) -> list[Candidate]:
     """What prediction errors say for each of several models, in their order.
 
@@ -239,9 +231,6 @@ def by_likelihood(
         what suits that one.
     seed
         Seed of the searches' random starts.
-    start
-        The pilot that a single model's optimum is sought from, shape (1, parameters); None to
-        search everywhere.
     """
     # All are weighted alike: a frequency counts if no model's input is noise there.
     signals = (channel.on for model in models for channel in model.channels)
@@ -250,10 +239,7 @@ def by_likelihood(
     settings = LikelihoodSettings(wide=(), weighed=tuple(dict.fromkeys(signals)), loop=loop)
     maxima: list[Optimum] = []
     for model in models:
-        if start is None:
-            found = maximise_likelihood(recording, model, fit_rng(seed, model.name), settings)
-        else:
-            found = maxima_from(recording, model, settings, start)[0]
+        found = maximise_likelihood(recording, model, fit_rng(seed, model.name), settings)
         settings = replace(settings, noise=found.joint.noise)
         maxima.append(found)
     terms = tuple(sorted({term for found in maxima for term in found.joint.prediction.terms}))
@@ -318,19 +304,6 @@ def _left_out(joint: Likelihood, values: FloatArray, run: int) -> tuple[float, f
     residual = alone.prediction.errors(end.values[0, : joint.pilot])
     share = float(np.var(residual)) / float(np.var(alone.prediction.control))
     return likelihood, 100.0 * max(0.0, 1.0 - share)
-
-
-def _with_lines(candidate: Candidate, fit: LinesFit) -> Candidate:
-    """A candidate with what the lines say of its model."""
-    return replace(
-        candidate,
-        chi_squared=fit.misfit,
-        freedom=fit.freedom,
-        left_out_chi_squared=_left_out_misfits(fit),
-        bounds=bounds_reached(fit.model, fit.values),
-        no_delay=_no_delay(fit.model, fit.values),
-        determined=fit.determined,
-    )
 
 
 def _no_delay(model: PilotModel, values: FloatArray) -> bool:
@@ -678,7 +651,7 @@ def select(
     if all(motionless_input(recording, model) for model in among.values()):
         first = next(iter(among.values()))
         return Selection(first, "No model has all its inputs in the recording.", ())
-    candidates = compare_models(recording, list(among.values()), seed, likelihood=False)
+    candidates = compare_models(recording, list(among.values()), seed)
     choice = choose_model([candidates])
     taken = next(c for c in candidates if c.model == choice.model)
     told = [choice.reason, *(() if models else _more(recording, taken))]

@@ -27,7 +27,6 @@ from pilotid.support.format import (
     to_error,
     unsigned,
 )  # fmt: skip
-from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import LEVEL
 from pilotid.support.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_first
 from pilotid.support.types import printable
@@ -212,6 +211,7 @@ def model_table(results: Results) -> Table:
         "VAF %": ("vaf", number),
         "VAF left out %": ("left_out_vaf", number),
     }
+    columns = {k: v for k, v in columns.items() if own[str(v[0])].notna().any()}
     caption = "Models: chi-squared of lines per degree of freedom, in runs left out above the best"
     return frame_table(own, caption, columns, kinds, 1)
 
@@ -298,16 +298,6 @@ def summary(results: Results) -> Iterator[str]:
         yield (
             f"{len(out)} of {len(shown)} estimates count in no mean, test or figure (`--keep-all` "
             f"counts them): {words}."
-        )
-    tested = results.models.dropna(subset=["change_p"]).drop_duplicates("file")
-    changes = (tested["change_p"] < ESTIMATE.changes) & (
-        tested["change_size"] > ESTIMATE.changes_by
-    )
-    if changes.any():
-        yield (
-            f"A gain or lead changes by a third or more during {changes.sum()} of {len(tested)} "
-            f"recordings (a constant pilot is rejected, p < {ESTIMATE.changes:g}); `adapting` is a "
-            "model of such pilots."
         )
     ends = Counter(e["outcome"] for f in results.fits.fits for e in f.content["estimates"])
     yield f"Fits: {', '.join(f'{count} {outcome}' for outcome, count in ends.items())}."
