@@ -229,6 +229,8 @@ def left_out_table(results: Results) -> Table:
             s.failed,
             (s.vaf, s.vaf_error),
             (s.behind, s.behind_error),
+            s.halves_percent,
+            s.halves_z,
         )
         for key, own in (left.groupby(kinds, sort=False) if kinds else [((), left)])
         for s in ranked(own).itertuples()
@@ -239,6 +241,8 @@ def left_out_table(results: Results) -> Table:
         "failed": str,
         "VAF %": unsigned,
         "likelihood": plus_minus,
+        "halves %": number,
+        "halves / error": number,
     }
     return table(rows, caption, (*kinds, "model", "method", *forms), forms, heads=len(kinds) + 1)
 
