@@ -113,9 +113,9 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "brief": ("", "One line a file, and a summary of many."),
     # Studies.
     "profile": (
-        "quick|full",
+        "quick|full|paper",
         "quick: some recordings of the nominal scenario and of any pilot; full: 500 of every "
-        "scenario and population.",
+        "scenario and population; paper: AIAA 2008-7109 on a page of its own.",
     ),
     "replications": ("", "Recordings of each scenario."),
     "trust replications": ("", "Simulations of the recording."),
