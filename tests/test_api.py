@@ -18,7 +18,7 @@ RECORDING = simulate("nominal", 3)
 
 
 def test_names_and_objects_give_the_same_estimate() -> None:
-    by_name = identify("mle-white", RECORDING, "multi")
+    by_name = identify(RECORDING, "multi", "mle-white")
     by_object = identify(MLEWhite(), RECORDING, MODELS["multi"], 1)
     np.testing.assert_array_equal(by_name.values, by_object.values)
     default = identify(recording=RECORDING, model="multi")
@@ -31,8 +31,8 @@ def test_names_and_objects_give_the_same_estimate() -> None:
 
 def test_the_default_seed_gives_what_the_command_line_prints() -> None:
     (printed,) = fit_all(RECORDING, MODELS["multi"], {"mle": MLE()}, 1).estimates
-    np.testing.assert_array_equal(identify("mle", RECORDING, "multi").values, printed.values)
-    own = identify("mle", RECORDING, "multi", np.random.default_rng(5))
+    np.testing.assert_array_equal(identify(RECORDING, "multi", "mle").values, printed.values)
+    own = identify(RECORDING, "multi", "mle", np.random.default_rng(5))
     assert own.outcome is Outcome.CONVERGED
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import Run
-from test_docs import FENCE, OCTAVE
+from test_docs import FENCE
 
 from pilotid.datasets import scenario_named
 from pilotid.recordings.files import load_recording
@@ -22,6 +22,7 @@ from pilotid.study.exchange import export
 from pilotid.study.run import recording_of
 from pilotid.study.table import read_study
 
+OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
 #: Estimates a pilot of the model `single` from exported text files, with numpy alone.
 STRANGER = """
 import csv, json, sys, time

@@ -81,10 +81,8 @@ def test_gram_holds_the_inner_products_of_the_rows(
     assert np.all(np.abs(difference) < 1e-8 * size[:, :, None] * size[:, None])
 
 
-@pytest.mark.parametrize("way", ["long", "reduced", "circular"])
-def test_the_past_of_a_residual_is_what_its_filters_say(
-    way: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("way", ["plain", "reduced", "circular"])
+def test_the_past_of_a_residual_is_what_its_filters_say(way: str) -> None:
     recording = simulate(NOMINAL, np.random.default_rng(3))
     prediction = predict(recording, MULTI, 50.0)
     if way == "circular":  # whose first sample has no samples before it
@@ -97,12 +95,6 @@ def test_the_past_of_a_residual_is_what_its_filters_say(
     delays = prediction.filter_response(np.eye(7)[1:])
     expected = prediction.without_nuisance(prediction.samples_of(-residual * delays[:, None]))
     assert found[:, 7:13] == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
-    if way == "long":
-        monkeypatch.setattr("pilotid.time_domain.prediction.LONG_BINS", 100)
-        long = Likelihood(prediction, Autoregressive(6))
-        assert long.block == 1
-        assert long.rows(values) == pytest.approx(found, abs=1e-12 * np.abs(found).max())
-        assert long.gram(values) == pytest.approx(joint.gram(values), rel=1e-9)
 
 
 def test_noise_free_recording_gives_the_truth() -> None:

@@ -78,7 +78,7 @@ def test_a_lumped_fit_has_a_row_for_each_parameter() -> None:
 def test_the_page_has_the_paper_in_its_order(tmp_path: Path) -> None:
     rows = [
         {"figure": figure, "subject": subject, "condition": condition, "method": method,
-         "parameter": key, "value": 1.0 + 0.1 * place + 0.01 * subject, "std_error": 0.1}
+         "parameter": key, "value": 1.0 + 0.1 * place * subject, "std_error": 0.1}
         for figure, conditions, keys in (
             ("9", MOTION, SINGLE.keys), ("10", PERIPHERAL, KEYS), ("11", PERIPHERAL, KEYS))
         for subject in (1, 2, 3)
@@ -97,6 +97,6 @@ def test_the_page_has_the_paper_in_its_order(tmp_path: Path) -> None:
     assert "+10.0" in text
     for paper in ("+407", "0.0876", "+145", "16.0"):
         assert paper in text, paper
-    assert re.search(r"0\.2\d* ± 0", text)  # from no motion to full motion
+    assert re.search(r"0\.4\d* ± 0\.1", text)  # from no motion to full motion
     assert "not public" in text
     assert PEOPLE not in re.sub("Columns on people.*", "", text)

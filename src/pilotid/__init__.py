@@ -5,7 +5,7 @@ Load a recording, identify, and look::
     import pilotid
 
     recording = pilotid.load_recording("run.csv")
-    estimate = pilotid.identify("mle", recording, "multi")
+    estimate = pilotid.identify(recording, "multi", "mle")
     print(estimate.summary())
     print(estimate["tdvis"].interval)
     pilotid.plot.describing_function(estimate)
@@ -20,7 +20,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 #: The one place of the version: pyproject.toml reads it here.
-__version__ = "1.0.0rc1"
+__version__ = "1.0.0rc2"
 
 #: The modules that hold the public names, by the stub beside this file: `import pilotid` is
 #: instant, since a name is fetched when it is first used.

@@ -30,6 +30,8 @@ from pilotid.datasets.scenarios import Scenario as Scenario
 from pilotid.estimates.estimate import Estimate as Estimate
 from pilotid.estimates.estimate import Outcome as Outcome
 from pilotid.estimates.method import Method as Method
+from pilotid.estimates.saving import load_estimate as load_estimate
+from pilotid.estimates.saving import save as save
 from pilotid.experiment.experiment import analyse as analyse
 from pilotid.methods.arx import ARX as ARX
 from pilotid.methods.bayes import Bayes as Bayes

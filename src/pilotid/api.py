@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast, overload
 
 import numpy as np
 
@@ -37,23 +37,39 @@ DEFAULT_METHOD = "mle"
 T = TypeVar("T")
 
 
+@overload
+def identify(
+    recording: Recording,
+    model: PilotModel | str,
+    method: Method | str = ...,
+    rng: np.random.Generator | int = ...,
+) -> Estimate: ...
+@overload
+def identify(
+    recording: Method | str,
+    model: Recording,
+    method: PilotModel | str,
+    rng: np.random.Generator | int = ...,
+) -> Estimate: ...
 @ranged
 def identify(
-    method: Method | str = DEFAULT_METHOD,
-    recording: Recording | None = None,
-    model: PilotModel | str | None = None,
+    recording: Recording | Method | str,
+    model: PilotModel | Recording | str,
+    method: Method | PilotModel | str = DEFAULT_METHOD,
     rng: np.random.Generator | int = DEFAULT_SEED,
 ) -> Estimate:
-    """Identify a pilot model from a recording: ``identify("mle", recording, "multi")``.
+    """Identify a pilot model from a recording: ``identify(recording, "multi", "mle")``.
+
+    The order of former versions, method, recording, model, is understood as well.
 
     Parameters
     ----------
+    recording
+        The recording.
+    model
+        A model, or its name in `pilotid.MODELS`.
     method
         A method, or what the command line takes for one, such as ``arx(memory=none)``.
-    recording
-        The recording; it must be given.
-    model
-        A model, or its name in `pilotid.MODELS`; it must be given.
     rng
         A random generator, or the seed of one: the same seed gives the same estimate, the one
         that ``pilotid fit --seed`` prints.
@@ -64,16 +80,14 @@ def identify(
         Whatever happens; one that failed says so in its outcome.  Its remarks begin with what
         `check` says of the recording.
     """
-    if recording is None or model is None:
-        wanted = "identify('mle', recording, 'multi')"
-        raise TypeError(f"a recording and a model are needed, as in {wanted}")
-    chosen = method_named(method) if isinstance(method, str) else method
+    if isinstance(model, Recording):
+        recording, model, method = model, cast(PilotModel | str, method), cast(Method, recording)
+    chosen = method_named(method) if isinstance(method, str) else cast(Method, method)
     if not isinstance(rng, np.random.Generator):
         rng = fit_rng(rng, label_of(chosen))
-    _require(recording, Recording, "recording")
-    estimate = run_method(chosen, recording, _model(model), rng)
-    told = (*recording_remarks(recording), *estimate.remarks)
-    return replace(estimate, remarks=told)
+    known = cast(Recording, _require(recording, Recording, "recording"))
+    estimate = run_method(chosen, known, _model(model), rng)
+    return replace(estimate, remarks=(*recording_remarks(known), *estimate.remarks))
 
 
 def _model(given: PilotModel | str) -> PilotModel:

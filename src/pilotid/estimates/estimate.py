@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.loops import Loops, loops_of
-from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate, Specification
+from pilotid.estimates.parts import (
+    AnalysedBand,
+    FrequencyResponse,
+    RemnantEstimate,
+    Specification,
+    plain_fields,
+)
 from pilotid.estimates.quantities import (
     Pair,
     Quantity,
@@ -23,15 +29,19 @@ from pilotid.estimates.quantities import (
     spans_decade,
 )
 from pilotid.pilot.element import ControlledElement, as_element
+from pilotid.pilot.factors import Inverse
 from pilotid.pilot.model import PilotModel
 from pilotid.support.format import as_html, as_text
 from pilotid.support.numbers import Z95
-from pilotid.support.remarks import remarks_json
+from pilotid.support.remarks import remark_of, remarks_json
 from pilotid.support.types import BoolArray, FloatArray, InputError
 
 if TYPE_CHECKING:
     from control import TransferFunction
     from pandas import DataFrame
+
+    from pilotid.recordings.recording import Recording
+    from pilotid.time_domain.scoring import Score
 
 
 class Outcome(enum.Enum):
@@ -262,31 +272,51 @@ class Estimate:
         tables = quantity_tables([(self.method, self.quantities)], 1) if known else []
         return as_html(*tables, self.verdict(), *self.remarks)
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain objects, in the form that `pilotid fit --json` writes; NaN where there is none."""
-        starts = self.starts
+    def to_dict(self, *, whole: bool = False) -> dict[str, object]:
+        """Plain objects, in the form that `pilotid fit --json` writes; NaN where there is none.
+
+        Parameters
+        ----------
+        whole
+            Whether with what takes much room: draws, and the covariance of a first step.
+        """
+        starts, model = self.starts, self.model
+        elements = (f.element for c in model.channels for f in c.factors if isinstance(f, Inverse))
+        element = next(elements, None)
         result: dict[str, object] = {
             "method": self.method,
+            "model": {
+                "name": model.name,
+                "element": element and asdict(element),
+                "bounds": {p.key: [p.lower, p.upper] for p in model.parameters},
+            },
             "outcome": self.outcome.slug,
             "message": self.sentence,
             "parameters": {q.key: q.to_dict() for q in self.parameters},
             "derived": {q.key: q.to_dict() for q in self.derived},
-            "held": dict(self.model.held),
+            "held": dict(model.held),
             "correlation": self.correlation.tolist(),
+            "covariance": self.covariance.tolist(),
             "inseparable": [pair.to_dict() for pair in self.inseparable],
             "vaf": self.vaf,
+            "criterion": self.criterion,
             "iterations": self.iterations,
-            "starts": starts and {"total": len(starts.cost), "agreeing": starts.agreeing},
+            "starts": starts and {"total": len(starts.cost), **plain_fields(starts)},
             "seconds": self.seconds,
             "band": self.band and self.band.to_dict(),
             "specification": self.specification and self.specification.to_dict(),
             **remarks_json(self.remarks),
+            "grades": [remark_of(remark).grade for remark in self.remarks],
         }
         if self.remnant is not None:
             result["remnant"] = self.remnant.to_dict()
         if self.frequency_response is not None:
-            names = [channel.name for channel in self.model.channels]
-            result["frequency_response"] = self.frequency_response.to_dict(names)
+            names = [channel.name for channel in model.channels]
+            own = self.frequency_response.to_dict(names)
+            more = {"covariance": self.frequency_response.covariance.tolist()} if whole else {}
+            result["frequency_response"] = own | more
+        if whole and self.draws is not None:
+            result["draws"] = plain_fields(self.draws)
         return result
 
     def table(self) -> DataFrame:
@@ -302,6 +332,56 @@ class Estimate:
             The element, or a text for one.
         """
         return loops_of(self, as_element(element))
+
+    def simulate(self, recording: Recording) -> DataFrame:
+        """The response to the recorded inputs: columns run, time, control and simulated.
+
+        Offset and slow free decays are fitted to each run.
+
+        Parameters
+        ----------
+        recording
+            Any recording that has the model's inputs, not only the one that was fitted.
+        """
+        from pilotid.time_domain.scoring import simulated
+
+        return simulated(self, recording)
+
+    def predict(self, recording: Recording, fitted_to: Recording | None = None) -> DataFrame:
+        """The control predicted one sample ahead: columns run, time, control, predicted and std.
+
+        Samples are those of the band that the remnant is known in; `std` is the standard deviation
+        of the prediction error.  The offset is fitted to each run.
+
+        Parameters
+        ----------
+        recording
+            Any recording that has the model's inputs.
+        fitted_to
+            The recording whose remnant, as the estimate leaves it, predicts; None for the remnant
+            that the estimate has itself.
+
+        Raises
+        ------
+        InputError
+            If no remnant is known.
+        """
+        from pilotid.time_domain.scoring import predicted
+
+        return predicted(self, recording, fitted_to)
+
+    def score(self, recording: Recording, fitted_to: Recording | None = None) -> Score:
+        """How well it predicts a recording: ``vaf`` [%] of `simulate`, ``log_score`` of `predict`.
+
+        Parameters
+        ----------
+        recording, fitted_to
+            As for `predict`; without a remnant the log score is NaN.  Methods are compared by log
+            scores with `fitted_to`, where the remnant is modelled alike for all.
+        """
+        from pilotid.time_domain.scoring import scored
+
+        return scored(self, recording, fitted_to)
 
     def to_control(self, pade_order: int = 5) -> dict[str, TransferFunction]:
         """The transfer function of each channel by its name, as python-control has them.

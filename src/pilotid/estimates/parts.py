@@ -17,7 +17,7 @@ from pilotid.support.types import ComplexArray, FloatArray
 NOTHING = np.zeros(0)
 
 
-def _plain_fields(thing: Any) -> dict[str, object]:
+def plain_fields(thing: Any) -> dict[str, object]:
     """The fields of a dataclass, arrays as lists."""
     values = ((f.name, getattr(thing, f.name)) for f in fields(thing))
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values}
@@ -65,7 +65,7 @@ class AnalysedBand:
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them."""
-        return {**_plain_fields(self), "half_weight": self.half, "floors": dict(self.floors)}
+        return {**plain_fields(self), "half_weight": self.half, "floors": dict(self.floors)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class RemnantEstimate:
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them."""
-        return _plain_fields(self)
+        return plain_fields(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,16 +23,10 @@ from pilotid.experiment.files import alone, of_runs, without
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.support.numbers import fit_rng
-from pilotid.support.types import FloatArray
-from pilotid.time_domain.output_error import simulated_vaf
-from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.prepare import analysis_band
-from pilotid.time_domain.remnant_models import best_noise_model
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-BAND = 50.0  # analysis band of the likelihood [rad/s], that of `mle`
 #: Columns of left_out.csv behind the recording's.
 COLUMNS = (
     *("run", "model", "method", "outcome", "vaf", "log_likelihood", "seconds"),
@@ -76,8 +69,8 @@ def predict_left_out(
             if all(half.outcome.usable for half in halves):
                 told |= dict(zip(HALVES, _apart(*halves), strict=True))
         if estimate.outcome.usable:
-            told["vaf"] = simulated_vaf(own, model, estimate.values)
-            told["log_likelihood"] = log_likelihood(others, own, model, estimate.values)
+            score = estimate.score(own, others)
+            told |= {"vaf": score.vaf, "log_likelihood": score.log_score}
         head = {"method": label, "outcome": estimate.outcome.slug}
         found.append({**head, **told, "seconds": estimate.seconds})
     return found
@@ -90,35 +83,6 @@ def _apart(first: Estimate, second: Estimate) -> tuple[float, float]:
     with np.errstate(divide="ignore", invalid="ignore"):
         percent = 200.0 * np.median(np.abs(difference) / size)
         return float(percent), float(np.sqrt(np.mean((difference / error) ** 2)))
-
-
-def log_likelihood(
-    others: Recording, own: Recording, model: PilotModel, values: FloatArray
-) -> float:
-    """Of a run, under a pilot and the remnant that he leaves in other runs.
-
-    Parameters
-    ----------
-    others, own
-        The runs that the remnant is known from, and the one that is judged.
-    model, values
-        The pilot, with his parameters, shape (parameters,).
-    """
-    band = analysis_band(others.dt, BAND)
-    left = _errors(others, model, values)
-    taps = best_noise_model(left, band).whitener(band)
-    variance = float(np.mean(_errors(others, model, values, taps) ** 2))
-    errors = _errors(own, model, values, taps)
-    squares = float(np.sum(errors**2)) / variance
-    return -0.5 * (errors.size * math.log(2.0 * math.pi * variance) + squares)
-
-
-def _errors(
-    recording: Recording, model: PilotModel, values: FloatArray, taps: FloatArray | None = None
-) -> FloatArray:
-    """Control less prediction, whitened if need be, shape (runs, scored); offsets are fitted."""
-    prediction: Prediction = predict(recording, model, BAND)
-    return replace(prediction, terms=(0.0,)).errors(values, taps)
 
 
 def failed_rows(methods: Mapping[str, Method], outcome: str) -> list[dict[str, object]]:

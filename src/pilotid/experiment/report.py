@@ -218,33 +218,21 @@ def model_table(results: Results) -> Table:
 
 def left_out_table(results: Results) -> Table:
     """Models and methods by the runs that they predict, within each kind of recording."""
-    left = results.left_out
-    kinds = [name for name in (*results.strata, CONDITION) if name in left]
-    rows = [
-        (
-            *key,
-            s.model,
-            s.method,
-            s.runs,
-            s.failed,
-            (s.vaf, s.vaf_error),
-            (s.behind, s.behind_error),
-            s.halves_percent,
-            s.halves_z,
-        )
-        for key, own in (left.groupby(kinds, sort=False) if kinds else [((), left)])
-        for s in ranked(own).itertuples()
-    ]
-    caption = "Runs predicted by the fit of the others, the likeliest first"
-    forms: dict[str, Callable[..., str]] = {
-        "runs": str,
-        "failed": str,
-        "VAF %": unsigned,
-        "likelihood": plus_minus,
-        "halves %": number,
-        "halves / error": number,
+    left = results.left_out.assign(recording=results.left_out["file"])
+    kinds = [name for name in (*results.strata, CONDITION) if name in left] or ["recording"]
+    found = left.groupby(kinds, sort=False).apply(ranked, include_groups=False).reset_index()
+    columns: Columns = {
+        "model": ("model", None),
+        "method": ("method", None),
+        "runs": ("runs", str),
+        "failed": ("failed", str),
+        "VAF %": (("vaf", "vaf_error"), unsigned),
+        "likelihood": (("behind", "behind_error"), plus_minus),
+        "halves %": ("halves_percent", number),
+        "halves / error": ("halves_z", number),
     }
-    return table(rows, caption, (*kinds, "model", "method", *forms), forms, heads=len(kinds) + 1)
+    caption = "Runs predicted by the fit of the others, the likeliest first"
+    return frame_table(found, caption, columns, kinds)
 
 
 def recording_table(results: Results) -> Table:

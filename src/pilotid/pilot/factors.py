@@ -1,10 +1,10 @@
 """The building blocks of a pilot model.
 
-A channel of a pilot model is a signed product of factors.  A factor knows its
-parameters, its frequency response and its *log-derivative* (the derivative of
-the logarithm of the response) by each parameter: responses multiply and
-log-derivatives add, so that the Jacobian of any product follows by itself.
-A factor of one's own derives from `Factor`.
+A channel of a pilot model is a signed product of factors.  A factor knows its parameters and
+its frequency response; the *log-derivative* (the derivative of the logarithm of the response)
+by each parameter is numeric unless it gives that too.  Responses multiply and log-derivatives
+add, so that the Jacobian of any product follows by itself.  A factor of one's own derives from
+`Factor`.
 """
 
 from __future__ import annotations
@@ -93,11 +93,16 @@ class Parameter:
             raise ValueError(f"parameter {self.key}: the usual range must lie inside the bounds")
 
 
+#: Step of central differences, as a share of the parameter: the cube root of the precision; and
+#: the least value that it is a share of.
+STEP, LEAST = 6e-6, 1e-4
+
+
 class Factor:
     """What a channel is a product of: a transfer function of some parameters.
 
     A factor of one's own derives from this class and must be hashable (a frozen dataclass).  It
-    gives `parameters`, `response`, `log_derivative` and `rational`; the rest has defaults.
+    gives `parameters`, `response` and `rational`; the rest has defaults.
     """
 
     @property
@@ -137,23 +142,6 @@ class Factor:
         """
         raise NotImplementedError
 
-    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[Response, ...]:
-        """Derivative of the logarithm of the response by each parameter.
-
-        Parameters
-        ----------
-        s
-            Laplace variable [rad/s], shape (n,).
-        values
-            One array for each parameter, which broadcasts against `s`.
-
-        Returns
-        -------
-        tuple
-            An array for each parameter, as `response` has them.
-        """
-        return self.response_and_slopes(s, values)[1]
-
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         """Polynomials of the transfer function; a delay becomes a Pade approximant.
 
@@ -179,7 +167,7 @@ class Factor:
         return None
 
     def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
-        """`response` and `log_derivative`, for a factor that is evaluated faster at once.
+        """Response, and its log-derivative by each parameter: central differences.
 
         Parameters
         ----------
@@ -188,7 +176,17 @@ class Factor:
         values
             One array for each parameter, which broadcasts against `s`.
         """
-        return self.response(s, values), self.log_derivative(s, values)
+        response, slopes = self.response(s, values), []
+        # Where there is no response, as of a washout at rest, its logarithm has no slope.
+        inverse = 1.0 / np.where(response == 0.0, 1.0, response)
+        for i, value in enumerate(values):
+            step = STEP * np.maximum(np.abs(value), LEAST)
+            ahead, behind = (
+                self.response(s, [*values[:i], value + own, *values[i + 1 :]])
+                for own in (step, -step)
+            )
+            slopes.append((ahead - behind) * (inverse / (2.0 * step)))
+        return response, tuple(slopes)
 
 
 @dataclass(frozen=True)
@@ -240,11 +238,6 @@ class Held(Factor):
     def seconds(self, values: Values) -> FloatArray | None:
         return self.factor.seconds(self._all(values))
 
-    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
-        response, slopes = self.factor.response_and_slopes(s, self._all(values))
-        pairs = zip(slopes, self._constants, strict=True)
-        return response, tuple(slope for slope, held in pairs if held is None)
-
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         return self.factor.rational([float(v) for v in self._all(values)], pade_order)
 
@@ -293,8 +286,8 @@ class Gain(Polynomial):
     def response(self, s: ComplexArray, values: Values) -> FloatArray:
         return values[0]
 
-    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[FloatArray]:
-        return (1.0 / values[0],)
+    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
+        return values[0], (1.0 / values[0],)
 
     def coefficients(self, values: Values) -> tuple[FloatArray]:
         return (values[0],)
@@ -326,10 +319,6 @@ class Lead(Polynomial):
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return 1.0 + values[0] * s
 
-    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
-        response = self.response(s, values)
-        return response, (s / response,)
-
     def coefficients(self, values: Values) -> tuple[FloatArray, FloatArray]:
         return np.ones_like(values[0]), values[0]
 
@@ -359,10 +348,6 @@ class Lag(Factor):
 
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return 1.0 / (1.0 + values[0] * s)
-
-    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
-        response = self.response(s, values)
-        return response, (-s * response,)
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         return [1.0], [float(values[0]), 1.0]
@@ -418,8 +403,8 @@ class Delay(Factor):
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return exponential(-values[0], s)
 
-    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray]:
-        return (-s,)
+    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
+        return exponential(-values[0], s), (-s,)
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         return pade(float(values[0]), pade_order)
@@ -459,8 +444,8 @@ class LookAhead(Factor):
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return exponential(values[0], s)
 
-    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray]:
-        return (s,)
+    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
+        return exponential(values[0], s), (s,)
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         raise InputError(
@@ -487,9 +472,6 @@ class Differentiator(Factor):
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return np.asarray(s**self.order)
 
-    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[()]:
-        return ()
-
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         return [1.0] + [0.0] * self.order, [1.0]
 
@@ -505,9 +487,6 @@ class Fixed(Factor):
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         top, bottom = self.ratio
         return np.asarray(np.polyval(top, s) / np.polyval(bottom, s))
-
-    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[()]:
-        return ()
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         return self.ratio
@@ -629,14 +608,6 @@ class InnerLoop(Factor):
     def response(self, s: ComplexArray, values: Values) -> Response:
         *back, forward = (factor.response(s, own) for factor, own in self._parts(values))
         return forward / (1.0 + reduce(np.multiply, back, forward))
-
-    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
-        parts = [factor.response_and_slopes(s, own) for factor, own in self._parts(values)]
-        forward = parts[-1][0]
-        closed = 1.0 / (1.0 + reduce(np.multiply, [part[0] for part in parts]))
-        # d log(H / (1 + H B)) = (d log H - H B d log B) / (1 + H B), and H B = 1/closed - 1.
-        slopes = [(closed - 1.0) * slope for part in parts[:-1] for slope in part[1]]
-        return forward * closed, (*slopes, *(closed * slope for slope in parts[-1][1]))
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         *back, (above, below) = (f.rational(own, pade_order) for f, own in self._parts(values))

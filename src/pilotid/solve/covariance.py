@@ -136,15 +136,14 @@ def score_products(rows: FloatArray, reach: int) -> FloatArray:
         Longest lag [samples].
     """
     scores = rows[:-1] * rows[-1]
-    length = scores.shape[2] + reach
-    lag = np.arange(length // 2 + 1)
-    share = np.minimum(lag / (reach + 1.0), 1.0)
+    half = (scores.shape[2] + reach + 1) // 2
+    share = np.minimum(np.arange(half + 1) / (reach + 1.0), 1.0)
     window = np.where(share < 0.5, 1.0 - 6.0 * share**2 + 6.0 * share**3, 2.0 * (1.0 - share) ** 3)
-    circle = np.concatenate([window, window[1 : (length + 1) // 2][::-1]])
-    spectra = np.fft.fft(scores, n=length)
-    smoothing = np.fft.fft(circle).real
+    smoothing = np.fft.hfft(window, n=2 * half)[: half + 1]
+    smoothing[1:-1] *= 2.0  # bins stand for two, but for the first and the last
+    spectra = np.fft.rfft(scores, n=2 * half)
     products = np.einsum("prn,qrn,n->pq", spectra, spectra.conj(), smoothing, optimize=True)
-    return np.asarray(products.real / length)
+    return np.asarray(products.real / (2 * half))
 
 
 def score_dispersion(rows: FloatArray, estimated: int, length: int) -> tuple[float, int]:

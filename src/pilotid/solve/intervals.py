@@ -248,12 +248,12 @@ def profile_intervals(
         blocked = _blocked(grams, points[active], lower, upper)
         goal = target[active]
         step, off = _step(grams, blocked, k, direction, LONGEST_STEP * error[k], goal)
-        deviance_off = np.abs(grams[:, -1, -1] - goal) / variance
+        deviance_off = np.abs(grams[:, -1, -1] - goal)
         at_bound = (points[active, k] <= lower[k]) & (direction < 0)
         at_bound |= (points[active, k] >= upper[k]) & (direction > 0)
         # A bound that was overshot to, where the deviance is too high, is left again.
         at_bound &= step[np.arange(len(k)), k] * direction >= 0.0
-        reached = (deviance_off < tolerance) & (off < tolerance * variance)
+        reached = np.maximum(deviance_off, off) < tolerance * variance
         found[active] = reached | (at_bound & (costs <= goal))
         done = reached | at_bound
         moved = np.clip(points[active] + step, lower, upper)

@@ -90,7 +90,6 @@ class Problem(Protocol):
     @property
     def residuals(self) -> int:
         """Number of independent residuals."""
-        ...
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Jacobian of the prediction, and below it the residual.
@@ -105,7 +104,6 @@ class Problem(Protocol):
         FloatArray
             Shape (sets, parameters + 1, ...).
         """
-        ...
 
     def gram(self, values: FloatArray) -> FloatArray:
         """Inner products of the rows, shape (sets, parameters + 1, parameters + 1).
@@ -148,17 +146,14 @@ class Bounds(Protocol):
     @property
     def lower(self) -> FloatArray:
         """Lower bounds, shape (parameters,)."""
-        ...
 
     @property
     def upper(self) -> FloatArray:
         """Upper bounds, shape (parameters,)."""
-        ...
 
     @property
     def positive(self) -> BoolArray:
         """Which parameters move on a logarithmic scale, shape (parameters,)."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

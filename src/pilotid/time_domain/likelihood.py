@@ -91,7 +91,8 @@ class Likelihood(Problem):
         -------
         Array of shape (sets, parameters + 1, runs, scored).
         """
-        return self.prediction.errors_of(self._spectra(values))
+        prediction = self.prediction
+        return prediction.without_nuisance(prediction.samples_of(self._spectra(values)))
 
     def products(self, values: FloatArray) -> FloatArray:
         """Inner products of `rows`, see `Problem.products`; in a band those of its likelihood."""
@@ -106,7 +107,7 @@ class Likelihood(Problem):
     def squares(self, values: FloatArray) -> FloatArray:
         """Inner products of `rows`, in a band weighted and with those outside, of its squares."""
         prediction = self.prediction
-        regressed = self.noise.regressive and prediction.block > 1 and not any(prediction.terms)
+        regressed = self.noise.regressive and not any(prediction.terms)
         if self.terms is None:
             return super().products(values)
         if regressed and prediction.weights is None:
