@@ -20,7 +20,7 @@ from pilotid.pilot.catalogue import MODELS
 
 METHODS = (
     *("mmle3", "mle-white", "mle-genetic", "mle", "bayes-white", "bayes"),
-    *("fourier", "arx", "sindy"),
+    *("fourier", "arx", "sindy", "mle-reference"),
 )
 SCENARIOS = {
     ("multi", 1): "nominal",
@@ -30,9 +30,14 @@ SCENARIOS = {
 }
 
 
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Complete fits by all methods, and by those of the option --method."""
+    if metafunc.definition.originalname == "test_fit":
+        metafunc.parametrize("name", [*METHODS, *metafunc.config.getoption("--method")])
+
+
 @pytest.mark.parametrize("runs", [1, 5])
 @pytest.mark.parametrize("model", ["multi", "single"])
-@pytest.mark.parametrize("name", METHODS)
 def test_fit(
     benchmark: BenchmarkFixture,
     necessary: Callable[[float], None],

@@ -228,6 +228,8 @@ def left_out_table(results: Results) -> Table:
         "failed": ("failed", str),
         "VAF %": (("vaf", "vaf_error"), unsigned),
         "likelihood": (("behind", "behind_error"), plus_minus),
+        "halves %": ("halves_percent", number),
+        "halves / error": ("halves_z", number),
     }
     caption = "Runs predicted by the fit of the others, the likeliest first"
     return frame_table(found, caption, columns, kinds)
