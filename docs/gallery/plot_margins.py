@@ -34,7 +34,7 @@ for name in ("Kvis", "tlead"):
 # %%
 # Each draw of the posterior is a pilot, and has margins of its own.
 
-draws = bayes.draws.equally_weighted(600)[:, : len(scenario.model.keys)]
+draws = bayes.draws.thinned(600)[:, : len(scenario.model.keys)]
 drawn = np.array(
     [
         [

@@ -29,7 +29,7 @@ for key in ("Kvis", "tlead", "Kvis*tlead"):
 # %%
 # The draws of the posterior, resampled so that all have the same weight:
 
-draws = bayes.draws.equally_weighted(2000)
+draws = bayes.draws.thinned(2000)
 place = {key: bayes.draws.keys.index(key) for key in ("Kvis", "tlead")}
 gain, lead = draws[:, place["Kvis"]], draws[:, place["tlead"]]
 truth = dict(zip(scenario.model.keys, scenario.truth, strict=True))
