@@ -76,14 +76,14 @@ def check(session: nox.Session) -> None:
     scripts = {
         "mle": "mle_against_bound.py",
         "theory": "theory_against_monte_carlo.py",
-        "remnant": "remnant_figure.py",
-        "responses": "responses_figure.py",
+        "front": "front.py",
         "sbc": "sbc.py",
         "remarks": "remarks.py",
         "population": "population.py",
         "published": "published.py",
         "recorder": "recorder.py",
         "experiment": "experiment.py",
+        "tasks": "tasks.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:
@@ -101,9 +101,8 @@ def docs(session: nox.Session) -> None:
     options = [option for option in session.posargs if option != "--links"]
     builder = "linkcheck" if links else "html"
     if links:  # what pages print holds no links
-        options += ["-D", "nb_execution_mode=off", "-D", "plot_gallery=0"]
+        options += ["-D", "nb_execution_mode=off"]
         options += ["-D", "suppress_warnings=myst-nb.lexer"]  # which only executed pages have
-    session.run("python", "-W", "ignore", "tests/checks/reading_ease.py")
     session.run(
         *("sphinx-build", "-W", "--keep-going", "-n", "-j", "8", "-b", builder),
         *("docs", f"docs/_build/{builder}", *options),
@@ -112,8 +111,9 @@ def docs(session: nox.Session) -> None:
 
 @nox.session
 def lint(session: nox.Session) -> None:
-    """Check style and format."""
+    """Check style, format and spelling."""
     session.install(*groups("lint"))
+    session.run("codespell")
     session.run("ruff", "check", *SOURCES)
     session.run("ruff", "format", "--check", *SOURCES)
 
@@ -128,11 +128,10 @@ def types(session: nox.Session) -> None:
 
 @nox.session
 def fuzz(session: nox.Session) -> None:
-    """Read changed recordings, 100,000 of each kind; `-- --files N` for fewer (Linux)."""
-    session.install("-e", ".")
-    session.run(
-        "python", "tests/checks/fuzz_files.py", *session.posargs, env={"OMP_NUM_THREADS": "1"}
-    )
+    """Read recordings that are changed at random, 20,000 of each kind."""
+    session.install("-e", ".", *groups("tests"))
+    env = {"OMP_NUM_THREADS": "1", "PILOTID_FUZZ": "20000"}
+    session.run("pytest", "tests/test_fuzz.py", *session.posargs, env=env)
 
 
 @nox.session

@@ -1,5 +1,6 @@
 """Simulated data sets whose truth is known."""
 
+from pilotid.datasets.fixed import FixedTask, fixed_tasks, load_task
 from pilotid.datasets.named import CATALOGUE, AnyScenario, scenario_named, scenarios_named
 from pilotid.datasets.population import POPULATIONS, Population
 from pilotid.datasets.scenarios import SCENARIOS, Scenario
@@ -10,8 +11,11 @@ __all__ = [
     "POPULATIONS",
     "SCENARIOS",
     "AnyScenario",
+    "FixedTask",
     "Population",
     "Scenario",
+    "fixed_tasks",
+    "load_task",
     "scenario_named",
     "scenarios_named",
     "simulate",

@@ -9,7 +9,7 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_ext"))
-# Pages and gallery are executed in processes of their own, which read this.
+# Pages are executed in processes of their own, which read this.
 os.environ |= {
     "IPYTHONDIR": str(HERE / "_ipython"),
     "COLUMNS": "100",  # of the tables that commands print
@@ -24,7 +24,6 @@ copyright = author
 version = release = installed("pilotid")
 
 extensions = [
-    "alternative",
     "mathml",
     "methods",
     "names",
@@ -37,8 +36,7 @@ extensions = [
     "sphinxcontrib.bibtex",
     "sphinx_copybutton",
 ]
-exclude_patterns = ["_build", "_ipython", "_ext", "_templates", "gallery", "gallery/**"]
-exclude_patterns.append("auto_gallery/*.ipynb")  # for download, beside pages of the same name
+exclude_patterns = ["_build", "_ipython", "_ext", "_templates"]
 templates_path = ["_templates"]
 nitpicky = True
 nitpick_ignore_regex = [
@@ -69,23 +67,6 @@ autodoc_member_order = "bysource"
 default_role = "py:obj"  # a name in backticks in a docstring is a link to its entry
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
-
-# Gallery: scripts that are executed, each with a figure.
-if sorted((HERE / "gallery").glob("plot_*.py")):
-    extensions.append("sphinx_gallery.gen_gallery")
-    sphinx_gallery_conf = {
-        "examples_dirs": "gallery",
-        "gallery_dirs": "auto_gallery",
-        "filename_pattern": r"/plot_",
-        "abort_on_example_error": True,
-        "download_all_examples": False,
-        "show_memory": False,
-        "min_reported_time": 1000,
-        "write_computation_times": False,
-        "image_srcset": ["2x"],
-        "remove_config_comments": True,
-        "parallel": 2,
-    }
 
 bibtex_bibfiles = ["references.bib"]
 bibtex_default_style = "unsrt"

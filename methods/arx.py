@@ -27,7 +27,7 @@ Three things that decide over success:
   and x carry no noise of their own; a lag of one sample lets a regression find it.
 
 No structure holds every pilot: delays may be shorter, lags longer than the memory.  What that
-does to the estimate, the recording tells (`pilotid.frequency.second_step`): errors hold how far
+does to the estimate, the recording tells (`pilotid.second_step`): errors hold how far
 prediction errors move it, and one that they move by five claimed errors is refused.
 Shorter lags, finer sampling, more poles and a longer memory, on pilots drawn at random, did not
 make up for it.
@@ -46,7 +46,6 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -54,86 +53,18 @@ import numpy as np
 from pilotid.estimates.applicability import dependent_signals, looking_ahead, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.frequency.regression import (
-    BlackBox,
-    Criterion,
-    Regression,
-    Structure,
-    StructureSearch,
-    channel_response,
-    signals,
-)
-from pilotid.frequency.second_step import (
-    ResponseFit,
-    against_recording,
-    output_at_once,
-    second_step,
-)
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.second_step import ResponseFit, against_recording, output_at_once, second_step
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import search
+from pilotid.spectral.regression import Criterion, Regression, Structure, channel_response
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.prediction import Prediction, predict
 
 LEAST_ROWS = 5.0  # rows of the regression for each of its coefficients
-
-
-@dataclass(frozen=True, eq=False)
-class FirstStep:
-    """What the first step found.
-
-    Attributes
-    ----------
-    regression
-        All lags of all signals.
-    structures
-        The orders and delays that a search tries.
-    fit
-        The black-box model used, and its covariance.
-    prediction
-        The signals that it was estimated from.
-    model
-        The pilot model, whose channels are the inputs.
-    dt
-        Sampling interval of the black-box model [s].
-    omega
-        Frequencies of the second step [rad/s].
-    misfit
-        See `ARX`.
-    """
-
-    regression: Regression
-    structures: tuple[Structure, ...]
-    fit: BlackBox
-    prediction: Prediction
-    model: PilotModel
-    dt: float
-    omega: FloatArray
-    misfit: float
-
-    @cached_property
-    def search(self) -> StructureSearch:
-        """The criterion surface of orders and delays."""
-        return self.regression.search(self.structures)
-
-    def response(self, values: FloatArray | None = None) -> FrequencyResponse:
-        """Response of the black-box model.
-
-        Parameters
-        ----------
-        values
-            Parameters of the pilot model at which errors are propagated.
-        """
-        structure = self.fit.structure
-        delays = " and ".join(f"{d * self.dt:.2f} s" for d in structure.delays)
-        zeros = " + ".join(str(z) for z in structure.zeros)
-        note = f"ARX of {structure.poles} and {zeros} coefficients, first lags {delays}"
-        return channel_response(
-            self.model, self.omega, self.dt, self.fit, self.misfit, note, values
-        )
 
 
 @dataclass(frozen=True)
@@ -151,7 +82,8 @@ class ARX:
         Shortest and longest delay searched, for each input on its own [s]; the model used
         begins at the shortest.
     criterion
-        By which a structure is chosen, see `pilotid.frequency.regression.StructureSearch`.
+        By which a structure is chosen where `memory` is None, see
+        `pilotid.spectral.regression.information_criterion`.
     memory
         Longest lag of the inputs in the model used [s]; None uses the structure found
         as it is.  Longer ones come closer to the inverse of the controlled element.
@@ -201,44 +133,6 @@ class ARX:
                     )
         return output_at_once(recording)
 
-    def first_step(self, recording: Recording, model: PilotModel) -> FirstStep:
-        """The black-box model, with the criterion surface of its search.
-
-        Parameters
-        ----------
-        recording, model
-            As for `fit`.
-
-        Returns
-        -------
-        FirstStep
-        """
-        prediction = predict(recording, model, self.band)
-        dt, inputs = prediction.dt, len(model.channels)
-        low = max(1, math.ceil(self.delays[0] / dt - 1e-9))
-        high = max(low, math.floor(self.delays[1] / dt + 1e-9))
-        longest = high + max(self.zeros) - 1
-        poles = max(self.poles)
-        if self.memory is not None:
-            longest = max(longest, math.floor(self.memory / dt + 1e-9))
-            poles = max(poles, self.long_poles)
-        regression = _regression(prediction, poles, [(low, longest)] * inputs)
-        structures = [
-            Structure(p, (z,) * inputs, delays)
-            for p in self.poles
-            for z in self.zeros
-            for delays in itertools.product(range(low, high + 1), repeat=inputs)
-        ]
-        if self.memory is None:
-            best = regression.search(structures).best(self.criterion)
-        else:
-            best = Structure(self.long_poles, (longest - low + 1,) * inputs, (low,) * inputs)
-        omega = np.geomspace(self.lowest, min(self.highest, 0.75 * math.pi / dt), self.points)
-        fit = regression.fit(best)
-        return FirstStep(
-            regression, tuple(structures), fit, prediction, model, dt, omega, self.misfit
-        )
-
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Fit a long ARX model, and the pilot model to its response.
 
@@ -251,50 +145,79 @@ class ARX:
         rng
             Draws the other starts.
         """
-        first = self.first_step(recording, model)
-        used = first.fit.structure
-        if first.regression.samples < LEAST_ROWS * used.parameters:
+        prediction = predict(recording, model, self.band)
+        dt = prediction.dt
+        regression, used = self._first_step(prediction)
+        if regression.samples < LEAST_ROWS * used.parameters:
             return failed(
                 self.name,
                 model,
                 Outcome.NOT_APPLICABLE,
-                f"{first.regression.samples} samples in the analysis band are too few for "
+                f"{regression.samples} samples in the analysis band are too few for "
                 f"{used.parameters} coefficients; use a longer recording or more runs",
             )
-        unstable = first.fit.unstable(first.dt)
+        black_box = regression.fit(used)
+        omega = np.geomspace(self.lowest, min(self.highest, 0.75 * math.pi / dt), self.points)
+        outside = black_box.poles[np.abs(black_box.poles) >= 1.0]
+        unstable = np.min(np.abs(np.angle(outside)), initial=np.inf) / dt
         # Beyond the forcing functions closed-loop data fix A and B no further than their
         # sum in the loop; poles there say nothing about the pilot.
-        if unstable.size and unstable[0] < first.omega[-1]:
+        if unstable < omega[-1]:
             return failed(
                 self.name,
                 model,
                 Outcome.UNSTABLE_MODEL,
-                f"the ARX model has an unstable pole at {unstable[0]:.3g} rad/s",
+                f"the ARX model has an unstable pole at {unstable:.3g} rad/s",
             )
-        response = first.response()
-        values: FloatArray | None = None
+        delays = " and ".join(f"{d * dt:.2f} s" for d in used.delays)
+        zeros = " + ".join(str(z) for z in used.zeros)
+        note = f"ARX of {used.poles} and {zeros} coefficients, first lags {delays}"
+
+        def response(at: FloatArray | None) -> FrequencyResponse:
+            """The response with errors propagated at these parameters, shape (1, parameters)."""
+            values = None if at is None else at[0]
+            return channel_response(model, omega, dt, black_box, self.misfit, note, values)
+
+        found: FloatArray | None = None
         for _ in range(self.rounds - 1):
-            problem = ResponseFit(response, model)
-            starts = (
-                search(
-                    problem.gram, model, rng, candidates=self.candidates, refined=self.refined
+            gram = ResponseFit(response(found), model).gram
+            if found is None:
+                found = search(
+                    gram, model, rng, candidates=self.candidates, refined=self.refined
                 ).values[:1]
-                if values is None
-                else values
-            )
-            values = minimise(problem.gram, starts, model, tolerance=1e-5).values[:1]
-            response = first.response(values[0])
+            found = minimise(gram, found, model, tolerance=1e-5).values[:1]
         estimate = second_step(
             self.name,
             recording,
             model,
-            response,
+            response(found),
             rng,
-            known=values,
+            known=found,
             candidates=self.candidates,
             refined=self.refined,
         )
-        return against_recording(estimate, first.prediction, rng)
+        return against_recording(estimate, prediction, rng)
+
+    def _first_step(self, prediction: Prediction) -> tuple[Regression, Structure]:
+        """The lags of all signals, and the structure that is used."""
+        dt, inputs = prediction.dt, len(prediction.model.channels)
+        low = max(1, math.ceil(self.delays[0] / dt - 1e-9))
+        high = max(low, math.floor(self.delays[1] / dt + 1e-9))
+        longest, poles = high + max(self.zeros) - 1, max(self.poles)
+        if self.memory is not None:
+            longest = max(longest, math.floor(self.memory / dt + 1e-9))
+            poles = max(poles, self.long_poles)
+        regression = _regression(prediction, poles, [(low, longest)] * inputs)
+        if self.memory is not None:
+            zeros = (longest - low + 1,) * inputs
+            return regression, Structure(self.long_poles, zeros, (low,) * inputs)
+        structures = [
+            Structure(p, (z,) * inputs, delays)
+            for p in self.poles
+            for z in self.zeros
+            for delays in itertools.product(range(low, high + 1), repeat=inputs)
+        ]
+        return regression, regression.best(structures, self.criterion)
 
 
 def _moves(recording: Recording, forcing: FloatArray) -> bool:
@@ -305,23 +228,22 @@ def _moves(recording: Recording, forcing: FloatArray) -> bool:
 
 def _regression(prediction: Prediction, poles: int, lags: list[tuple[int, int]]) -> Regression:
     """The regression with those nuisance terms that the recording shows."""
-    output, inputs = signals(prediction)
+    output, inputs = prediction.signals
+    zeros, delays = zip(*((high - low + 1, low) for low, high in lags), strict=True)
+    everything = Structure(poles, zeros, delays)
+    count = len(prediction.terms)
 
     def regression(terms: int) -> Regression:
         nuisance = prediction.nuisance_terms[:, :terms]
         return Regression(output, inputs, poles, lags, prediction.first, nuisance)
 
-    everything = Structure(
-        poles, tuple(high - low + 1 for low, high in lags), tuple(low for low, _ in lags)
-    )
-    count = len(prediction.terms)
     full = regression(count)
-    cost = full.costs([everything])[0]
+    cost = full.cost(everything)
     variance = cost / max(1, full.samples - everything.parameters)
     for terms in range(count):
         smaller = regression(terms)
         left = prediction.runs * (count - terms)
         limit = chi_squared_limit(left, ESTIMATE.seldom)
-        if smaller.costs([everything])[0] - cost <= limit * variance:
+        if smaller.cost(everything) - cost <= limit * variance:
             return smaller
     return full

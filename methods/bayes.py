@@ -5,7 +5,7 @@ parameters are sampled along with the pilot's.  The variance of the prediction e
 the coefficients of an autoregressive remnant, are integrated out in closed form.  Which
 family of remnants it is (low-pass of some order, band-pass, or autoregressive) is decided
 once, by the criterion that `mle` uses, and named in the result: the posterior is given it.
-Priors are proper and weak, see `pilotid.posterior.likelihood` and docs/posterior.md.
+Priors are proper and weak, see `pilotid.posterior.likelihood` and docs/theory/posterior.md.
 
 The value of a parameter is its posterior mean on the scale it is sampled on, the logarithm
 for positive parameters; standard errors are posterior standard deviations.

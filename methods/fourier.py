@@ -31,7 +31,7 @@ forcing functions make of it in the loop instead (whose way through the loop the
 without noise) is free of that, and knows as little of gain and lead time as the lines alone
 do: in some recordings of `nominal` nothing keeps the lead time from its bound.  What is minimised
 is the geometric mean of both (`removed`), a k-class estimator in the words of econometrics
-(Theil, *Economic Forecasts and Policy*, 1958); docs/two-step.md has the figures.
+(Theil, *Economic Forecasts and Policy*, 1958).
 """
 
 from __future__ import annotations
@@ -41,16 +41,17 @@ from typing import ClassVar
 
 import numpy as np
 
+from pilotid.element.fit import closing_element
 from pilotid.estimates.applicability import lines_objection, motionless_input
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.parts import AnalysedBand, FrequencyResponse
-from pilotid.frequency.second_step import second_step
-from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
-from pilotid.lines.fit import Equations, Pilots
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.second_step import second_step
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import search
+from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
+from pilotid.spectral.equations import Equations, are_pilots, pilots_first
 from pilotid.support.types import ComplexArray
 
 
@@ -114,9 +115,8 @@ class Fourier:
         coefficients = coefficients_of(recording, model, self.neighbours, self.trend)
         residuals = coefficients.first_residuals()
         problem = Equations(coefficients, model, coefficients.power(residuals))
-        pilots = Pilots(recording, model)
         found = search(problem.gram, model, rng, candidates=48, refined=6)
-        end = pilots.first(found).values[:1]
+        end = pilots_first(recording, model, found).values[:1]
         settled = False
         for _ in range(self.rounds):
             minimum = minimise(problem.gram, end, model, tolerance=1e-6)
@@ -141,9 +141,10 @@ class Fourier:
                 outcome=Outcome.NOT_CONVERGED,
                 message=f"power and leakage of the remnant did not settle in {self.rounds} rounds",
             )
-        if estimate.outcome.usable and not pilots(estimate.values[None])[0]:
-            assert pilots.element is not None  # without one nothing is unstable
-            why = f"the loop of this pilot and {pilots.element.name} would be unstable"
+        if estimate.outcome.usable and not are_pilots(recording, model, estimate.values[None])[0]:
+            element, _ = closing_element(recording)
+            assert element is not None  # without one nothing is unstable
+            why = f"the loop of this pilot and {element.name} would be unstable"
             estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=why)
         estimate = replace(estimate, band=AnalysedBand(float(response.omega[-1])))
         return _with_interpolation_error(estimate, coefficients, response)

@@ -19,7 +19,7 @@ What a pilot makes of the textbook's recipe:
 - Thresholds apply to standardised columns and stay low.  A pilot with a coloured remnant
   is not sparse in lags: every term has its small share, and to prune more costs accuracy.
 - The estimate is held against the recording, as that of `arx` is
-  (`pilotid.frequency.second_step`).
+  (`pilotid.second_step`).
 
 Assumes that the lags describe the remnant as well.  Two channels need two forcing functions, and
 no black box can do with a controlled element that is a mere gain.
@@ -42,18 +42,17 @@ import numpy as np
 from pilotid.estimates.applicability import dependent_signals, looking_ahead, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.frequency.regression import (
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.second_step import against_recording, output_at_once, second_step
+from pilotid.spectral.regression import (
     BlackBox,
     Regression,
     Structure,
     channel_response,
     lagged_rows,
-    signals,
     triangle_of,
 )
-from pilotid.frequency.second_step import against_recording, output_at_once, second_step
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.prediction import predict
 
@@ -159,7 +158,7 @@ class SINDy:
         cost = float(np.sum((triangle[:, -1] - triangle[:, :-1] @ coefficients) ** 2))
         variance = cost / (library.count - size)
         covariance = ensemble_covariance(members - coefficients, triangle[:size, :size], variance)
-        return BlackBox(structure, coefficients, covariance, cost)
+        return BlackBox(structure, coefficients, covariance)
 
     def response(
         self, recording: Recording, model: PilotModel, sparse: BlackBox, dt: float
@@ -186,7 +185,7 @@ class Library:
         longest = math.floor(settings.longest_delay / self.dt + 1e-9)
         self._longest = min(max(1, longest), self._reach - 1)
         self._first = max(self._poles, self._reach)
-        control, inputs = signals(prediction)
+        control, inputs = prediction.signals
         begin = prediction.first - self._first
         self.control = control[:, begin:]
         self.inputs = [signal[:, begin:] for signal in inputs]
@@ -201,7 +200,7 @@ class Library:
         ]
         lags = [(1, self._reach)] * len(self.inputs)
         regression = Regression(self.control, self.inputs, self._poles, lags, self._first)
-        return regression.search(structures).best("bic")
+        return regression.best(structures, "bic")
 
     def blocks(self, structure: Structure, length: float) -> list[FloatArray]:
         """Triangular factors of blocks of rows, none of which spans two runs.
@@ -280,7 +279,7 @@ def unusable(sparse: BlackBox, model: PilotModel) -> str:
     for channel, numerator in zip(model.channels, sparse.numerators, strict=True):
         if not numerator.any():
             return f"no term of the {channel.name} channel survives the threshold"
-    poles = np.abs(np.roots(sparse.denominator))
+    poles = np.abs(sparse.poles)
     if poles.size and poles.max() >= 1.0:
         return f"the sparse model has an unstable pole of magnitude {poles.max():.3g}"
     return ""

@@ -17,19 +17,8 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 
 
-class WithoutWords(BaseException):
-    """An exception that cannot be printed and that nobody expects."""
-
-    def __str__(self) -> str:
-        raise RuntimeError
-
-
 def leave() -> None:
     sys.exit(3)
-
-
-def break_off() -> None:
-    raise WithoutWords
 
 
 def fail() -> None:
@@ -69,7 +58,6 @@ DEEDS: dict[str, Callable[[], None]] = {
     deed.__name__: deed
     for deed in (
         leave,
-        break_off,
         fail,
         want_all_memory,
         interrupt,

@@ -24,10 +24,8 @@ ALL = ("e", "u", "x", "ft", "fd")
 
 
 def delayed(recording: Recording, seconds: float) -> Recording:
-    """The control recorded too late."""
-    shift = round(seconds / recording.dt)
-    u = recording.u
-    return replace(recording, u=np.concatenate([u[:, :shift], u[:, :-shift]], axis=1))
+    """The control recorded too late; its end comes first."""
+    return replace(recording, u=np.roll(recording.u, round(seconds / recording.dt), axis=1))
 
 
 def repeated(recording: Recording) -> Recording:
@@ -67,6 +65,20 @@ def in_one_run(recording: Recording, change: Callable[[Recording], Recording]) -
     runs = [recording, runs[0], change(runs[1]), runs[2]]
     signals = {name: np.concatenate([getattr(r, name) for r in runs]) for name in ALL}
     return replace(recording, **signals)
+
+
+def appended(recording: Recording) -> Recording:
+    """Two runs, one behind the other as one."""
+    other = simulate(SCENARIOS["nominal"], np.random.default_rng([11, recording.samples]))
+    runs = [{name: r.window(getattr(r, name)) for name in ALL} for r in (recording, other)]
+    signals = {name: np.concatenate([run[name] for run in runs], axis=1) for name in ALL}
+    return replace(recording, run_in=0, lines={}, **signals)
+
+
+def stepped(recording: Recording) -> Recording:
+    """A control that the recorder stores in few steps."""
+    step = 0.64 * float(np.std(recording.u))
+    return replace(recording, u=step * np.round(recording.u / step))
 
 
 def other_pilot(recording: Recording) -> Recording:
@@ -131,6 +143,28 @@ PLANTED: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
         "unlike-runs",
         "run 3",
     ),
+    "sign of e in one run": (
+        lambda r: in_one_run(r, lambda r: replace(r, e=-r.e)),
+        "wrong-sign",
+        "run 3",
+    ),
+    "sign of x in one run": (
+        lambda r: in_one_run(r, lambda r: replace(r, x=-r.x)),
+        "wrong-sign",
+        "run 3",
+    ),
+    "two runs appended": (appended, "appended-runs", "x"),
+    "u in steps of 64 % of its rms": (stepped, "rounded", "u"),
+    "fd in radians": (lambda r: replace(r, fd=np.deg2rad(r.fd)), "gain-differs", "radians"),
+    "fd in degrees": (lambda r: replace(r, fd=np.rad2deg(r.fd)), "gain-differs", "degrees"),
+    "fd ten times as large": (lambda r: replace(r, fd=10.0 * r.fd), "gain-differs", "fd=0.1"),
+    "fd through a gain that turns it": (
+        lambda r: replace(r, fd=-r.fd / 3.49),
+        "gain-differs",
+        "fd=-3.49",
+    ),
+    "u late by .2 s": (lambda r: delayed(r, 0.2), "late-signal", "u is 200 ms late"),
+    "u early by .2 s": (lambda r: delayed(r, -0.2), "late-signal", "u is 200 ms early"),
     "u without the forcing": (deaf, "forcing-unanswered", "u"),
     "e is zero": (lambda r: replace(r, e=0.0 * r.e), "motionless", "e"),
     "x is zero": (lambda r: replace(r, x=0.0 * r.x), "motionless", "x"),

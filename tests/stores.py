@@ -1,4 +1,4 @@
-"""Stores of studies for tests: a finished one, and the same with bytes of it changed."""
+"""Stores of studies for tests."""
 
 from __future__ import annotations
 
@@ -85,19 +85,3 @@ def content_of(store: Store) -> Content:
     assert set(found.scores.parameter) <= {*KEYS, "all", ""}
     fits = {fit.key: fit for fit in store.fits()}
     return Content(store.about(), store.entries(SCENARIOS), store.entries(METHODS), fits)
-
-
-def changed(content: bytes, rng: np.random.Generator) -> bytes:
-    """A file with a few bytes changed, a stretch of them overwritten, or its end cut off."""
-    how, data = rng.choice(["byte", "bytes", "head", "stretch", "cut"]), bytearray(content)
-    if how == "cut":
-        return bytes(data[: rng.integers(1, len(data))])
-    if how == "stretch":
-        start = int(rng.integers(len(data) - 1))
-        new = rng.bytes(min(int(rng.integers(1, 5000)), len(data) - start))
-        data[start : start + len(new)] = new
-        return bytes(data)
-    last = 200 if how == "head" else len(data)
-    for _ in range(1 if how == "byte" else int(rng.integers(2, 20))):
-        data[rng.integers(last)] = rng.integers(256)
-    return bytes(data)

@@ -24,7 +24,7 @@ from pilotid.time_domain.remnant_models import (
     NoiseModel,
     guess_parameters,
 )
-from pilotid.time_domain.settings import SEARCH
+from pilotid.time_domain.settings import COMPARED_TOLERANCE, REPORTED_TOLERANCE
 
 pytestmark = pytest.mark.numerical
 
@@ -102,16 +102,16 @@ def test_the_hessian_is_that_of_the_exact_problem_but_for_the_edges(noise: Noise
 
 def test_a_search_ends_where_that_with_exact_products_does() -> None:
     exact, adjoint, points = problem_of(prediction_of(NOMINAL.model, RUNS), Autoregressive(6))
-    expected = minimise(exact.gram, points[:1], exact, tolerance=SEARCH.reported_tolerance)
-    end = minimise(adjoint.gram, points[:1], adjoint, tolerance=SEARCH.reported_tolerance)
+    expected = minimise(exact.gram, points[:1], exact, tolerance=REPORTED_TOLERANCE)
+    end = minimise(adjoint.gram, points[:1], adjoint, tolerance=REPORTED_TOLERANCE)
     assert expected.converged[0]
     assert end.converged[0]
     assert expected.apart(end.values[0], exact.residuals) < 1e-4
     # What is reported rests on exact products.
     rough = Optimum(
-        adjoint, minimise(adjoint.gram, points[:1], adjoint, tolerance=SEARCH.compared_tolerance)
+        adjoint, minimise(adjoint.gram, points[:1], adjoint, tolerance=COMPARED_TOLERANCE)
     )
-    fine = rough.refined(SEARCH.reported_tolerance)
+    fine = rough.refined(REPORTED_TOLERANCE)
     assert not fine.joint.adjoint
     np.testing.assert_allclose(fine.end.gram, exact.gram(fine.end.values), rtol=1e-9)
     assert expected.apart(fine.end.values[0], exact.residuals) < 1e-4

@@ -241,6 +241,9 @@ def test_loops_are_those_of_the_simulated_element(analysed: Path) -> None:
         "disturbance_crossover": disturbance.crossover,
         "disturbance_phase_margin": disturbance.phase_margin,
     }
+    for name in ("target", "disturbance"):
+        late = np.radians(90.0 - truth[f"{name}_phase_margin"]) / truth[f"{name}_crossover"]
+        truth[f"{name}_effective_delay"] = late
     own = [r for r in rows if r["condition"] == "A" and not r["run"]]
     assert {r["quantity"] for r in own} == set(truth)
     for row in own:

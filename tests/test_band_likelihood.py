@@ -24,6 +24,7 @@ from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import minimise
 from pilotid.support.numbers import recording_rng
+from pilotid.support.remarks import codes_of
 from pilotid.support.types import FloatArray
 from pilotid.time_domain import band_likelihood
 from pilotid.time_domain.band_likelihood import (
@@ -32,7 +33,6 @@ from pilotid.time_domain.band_likelihood import (
     closing_element,
     weighting_of,
 )
-from pilotid.time_domain.diagnostics import HIDDEN
 from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.remnant_models import (
@@ -224,7 +224,7 @@ def with_weighting(joint: Likelihood, weighting: Weighting) -> Likelihood:
 def test_a_recorder_that_hides_the_pilot_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario, recording = recorded("single")
     sound = identify(MLE(), recording, scenario.model, np.random.default_rng(1))
-    assert HIDDEN not in sound.remarks
+    assert "hidden-signal" not in codes_of(sound.remarks)
     assert sound.band is not None
     assert sound.band.half == sound.band.highest
     own = floors_of(recording)
@@ -232,7 +232,7 @@ def test_a_recorder_that_hides_the_pilot_is_named(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(band_likelihood, "floors_of", lambda recording: replace(own, power=flat))
     hidden = identify(MLE(), recording, scenario.model, np.random.default_rng(1))
     assert hidden.outcome.usable
-    assert HIDDEN in hidden.remarks
+    assert "hidden-signal" in codes_of(hidden.remarks)
 
 
 def test_without_an_element_prediction_errors_are_direct() -> None:

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import gc
 import weakref
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from nonsense import LATE, PLANTED, SOUND, delayed, named, named_by_a_fit
+from nonsense import LATE, PLANTED, SOUND, delayed, named, named_by_a_fit, stepped
 
 from pilotid.datasets import SCENARIOS, simulate
+from pilotid.element.fit import SIGNALS, chosen_element
 from pilotid.recordings.checks import remarks
+from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.recordings.spectra import Answer
+from pilotid.recordings.windows import of_runs
 from pilotid.support.limits import SIGNAL
 
 pytestmark = pytest.mark.numerical
@@ -32,6 +37,51 @@ def test_planted_nonsense_is_named(what: str) -> None:
     assert all(
         named(plant(recording_of("nominal", seed)), code, where) for seed in range(RECORDINGS)
     )
+
+
+def turned(recording: Recording, name: str) -> Recording:
+    """Two runs, a signal of the second with the wrong sign."""
+    signal = getattr(recording, name) * np.array([[1.0], [-1.0]])
+    return replace(recording, **{name: signal})
+
+
+#: What is wrong with two runs, and a part of what must be said of it, and nothing else.
+FAULTS: dict[str, tuple[Callable[[Recording], Recording], str]] = {
+    "sign of u": (lambda r: turned(r, "u"), "u has the wrong sign in run 2"),
+    "sign of e": (lambda r: turned(r, "e"), "run 2: e is not ft - x: e has the wrong sign; mend"),
+    "sign of x": (lambda r: turned(r, "x"), "run 2: e is not ft - x: x has the wrong sign; mend"),
+    "radians": (lambda r: replace(r, fd=np.deg2rad(r.fd)), "use --map fd=57.2958*fd"),
+    "degrees": (lambda r: replace(r, fd=np.rad2deg(r.fd)), "use --map fd=0.0174533*fd"),
+    "gain": (lambda r: replace(r, fd=-r.fd / 3.49), "use --map fd=-3.49*fd"),
+    "late": (lambda r: delayed(r, 0.2), "u is 200 ms late against fd"),
+    "early": (lambda r: delayed(r, -0.2), "u is 200 ms early against fd"),
+    "steps": (stepped, "u has steps of"),
+}
+
+
+@pytest.mark.parametrize("what", FAULTS)
+@pytest.mark.parametrize("name", ["nominal", "training"])
+def test_a_fault_is_told_once_and_nothing_is_made_of_what_follows_from_it(
+    name: str, what: str
+) -> None:
+    plant, words = FAULTS[what]
+    two_runs = replace(SCENARIOS[name], runs=2)
+    recording = plant(simulate(two_runs, np.random.default_rng(4)))
+    recording = replace(recording, controlled_element="")
+    (remark,) = remarks(recording)
+    assert words in remark
+    # No element is drawn from signals that are a fifth of a second apart.
+    assert what not in ("late", "early") or chosen_element(recording).origin != SIGNALS
+
+
+@pytest.mark.parametrize("condition", ["C1", "C2", "C3", "C6"])
+def test_faults_of_measured_recordings_are_told_alone(measured: Path, condition: str) -> None:
+    file = measured / "yaw" / f"ae2224I_measurement_data_subj1_{condition}.mat"
+    recording = of_runs(load_recording(file), [1, 2], "")
+    assert remarks(recording) == ()
+    for plant, words in FAULTS.values():
+        (remark,) = remarks(plant(recording))
+        assert words in remark
 
 
 @pytest.mark.parametrize("what", LATE)

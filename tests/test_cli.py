@@ -16,6 +16,8 @@ from helpers import Answer, Run, leading_recording, strict
 
 import pilotid
 from pilotid.cli.main import main
+from pilotid.datasets import CATALOGUE
+from pilotid.methods import methods
 from pilotid.pilot.catalogue import MODELS
 from pilotid.recordings.files import load_recording, save_recording
 from pilotid.support.remarks import CODES
@@ -90,7 +92,10 @@ def test_version_is_that_of_what_is_installed(run: Run) -> None:
 def test_the_installed_command_runs() -> None:
     command = Path(sys.executable).with_name("pilotid")
     done = subprocess.run([command, "list"], capture_output=True, text=True, check=True, timeout=60)
-    assert "mle-white" in done.stdout
+    core, _, more = done.stdout.partition("more models\n")
+    named = [re.findall(r"(?m)^  (\S+) ", part) for part in (core, more)]
+    assert named[0][4:9] == ["mle", "fourier", "arx", "sindy", "bayes"]
+    assert sorted(named[0] + named[1]) == sorted([*MODELS, *methods(), *CATALOGUE])
     bad = subprocess.run([command, "fit", "x.csv"], capture_output=True, text=True, timeout=60)
     assert (bad.returncode, bad.stdout) == (2, "")
     assert bad.stderr.startswith("pilotid: x.csv: ")

@@ -9,17 +9,17 @@ import pytest
 from helpers import NOMINAL, SINGLE_LOOP, fit_of, recording_of
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
-from pilotid.frequency.second_step import (
+from pilotid.methods.arx import ARX
+from pilotid.methods.sindy import SINDy
+from pilotid.pilot.catalogue import SINGLE
+from pilotid.pilot.element import position_control
+from pilotid.second_step import (
     FARTHEST,
     against_recording,
     moved,
     output_at_once,
     whitener,
 )
-from pilotid.methods.arx import ARX
-from pilotid.methods.sindy import SINDy
-from pilotid.pilot.catalogue import SINGLE
-from pilotid.pilot.element import position_control
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.prediction import predict
 

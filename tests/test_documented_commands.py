@@ -21,7 +21,7 @@ ROOT = Path(__file__).parent.parent
 #: What makes a command quick: fewer simulations by one method, where the command has the option.
 FEW = ("--replications", "2")
 #: What other tests run: a cluster, and published recordings that are not in the project.
-ELSEWHERE = ("--scheduler", "::", "--from lab", "--people")
+ELSEWHERE = ("--scheduler", "::", "--people", "--estimates")
 MINE = '''
 from pilotid import SCENARIOS as KNOWN
 from pilotid.methods import MLEWhite
@@ -90,7 +90,8 @@ def test_commands_run(page: str, folder: Path) -> None:
         if "--replications" in options and name != "analyse":
             words = [w for n, w in enumerate(words) if not {w, words[n - 1]} & {"--replications"}]
             words += FEW
-            words += [] if "--method" in words else ["--method", "mle,fourier"]
+            if "--method" in options and "--method" not in words:
+                words += ["--method", "mle,fourier"]
         run(folder, [name, *(file for word in words for file in expanded(word, folder))])
 
 

@@ -97,6 +97,20 @@ def test_quantities_have_keys_units_and_the_margins_of_the_values() -> None:
         assert q.lower < q.value < q.upper
 
 
+def test_the_effective_delay_is_that_of_the_crossover_model_with_its_error() -> None:
+    scenario, errors = SINGLE_LOOP, 0.02 * SINGLE_LOOP.values
+    loop = loops_of(estimate_of(scenario.values, errors), scenario.element).target
+    wc, margin_of, late = loop.crossover.value, loop.phase_margin.value, loop.effective_delay
+    model = np.exp(-1j * wc * late.value) / 1j
+    assert np.degrees(np.angle(model)) + 180.0 == pytest.approx(margin_of)
+    own = sampled_loops(
+        scenario.model, scenario.values, gaussian(scenario.values, errors), scenario.element
+    )[0]
+    delays = np.radians(90.0 - own.phase_margin) / own.crossover
+    assert own.loop.effective_delay.value == pytest.approx(np.mean(delays))
+    assert late.std_error == pytest.approx(delays.std(), rel=0.15)
+
+
 @pytest.mark.long
 def test_an_estimate_makes_loops_and_transfer_functions_and_draws_them() -> None:
     own = estimate_of(RESONANT, ERRORS)

@@ -223,14 +223,7 @@ def test_factors_take_whole_subjects_and_are_not_tested_on_few() -> None:
     assert few["notes"].startswith("not tested")
 
 
-def test_factors_are_a_text_a_file_or_fields(tmp_path: Path) -> None:
-    _, known = with_factors(parts_of(CONDITIONS), TEXT)
-    assert known is not None
-    path = tmp_path / "factors.csv"
-    path.write_text(known.rename_axis("condition").to_csv(), encoding="utf-8")
-    _, read = with_factors(parts_of(CONDITIONS), str(path))
-    assert read is not None
-    assert read.to_dict("index") == known.to_dict("index")
+def test_factors_are_fields_of_the_pattern() -> None:
     files = [
         Part((Path(f"{s}{m}{d}"),), (("subject", s), ("motion", m), ("d", d)))
         for s, m, d in product("12", ("off", "on"), "ab")
@@ -254,7 +247,6 @@ def test_factors_are_a_text_a_file_or_fields(tmp_path: Path) -> None:
         ("motion=C1,C2:off;C3:on", "each combination"),
         ("motion=C1,C3:off;C2:on;gain=C1,C2:low;C3:high", "each combination"),
         ("motion=C1,C3:off;C2,C4:on;gain=C1,C2:low;C3:high", "C4 has no level of gain"),
-        ("missing.csv", "there is no such file"),
     ],
 )
 def test_factors_that_make_no_sense_are_refused(text: str, words: str) -> None:

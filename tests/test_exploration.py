@@ -17,16 +17,15 @@ from helpers import (
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.remnant import Remnant
 from pilotid.estimates.estimate import Starts
-from pilotid.lines.fit import fit_lines
 from pilotid.methods.mle import MLE
 from pilotid.pilot.element import position_control
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import minimise
+from pilotid.spectral.equations import fit_lines
 from pilotid.support.numbers import recording_rng
 from pilotid.support.types import FloatArray
-from pilotid.time_domain import prediction as reduction
 from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prepare import analysis_band
@@ -45,7 +44,7 @@ from pilotid.time_domain.search import (
     sweep,
     together,
 )
-from pilotid.time_domain.settings import BARTLETT_SECONDS, SEARCH
+from pilotid.time_domain.settings import BARTLETT_SECONDS, MAX_EDGE_INFORMATION
 
 pytestmark = pytest.mark.numerical
 
@@ -69,7 +68,7 @@ def test_without_groups_the_reduction_is_the_windowed_transform(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Oracle: one bin a group leaves the sums of squares of the windowed spectra."""
-    monkeypatch.setattr(reduction, "SEARCH", replace(SEARCH, max_binned_width=0.0))
+    monkeypatch.setattr("pilotid.time_domain.prediction.MAX_BINNED_WIDTH", 0.0)
     prediction = prediction_of(replace(NOMINAL, runs=2))
     values = 1.1 * NOMINAL.values[None]
     scored = prediction.scored
@@ -176,7 +175,7 @@ def test_the_faster_the_pilot_the_more_lies_near_the_edge_of_the_band() -> None:
     fast = NOMINAL.values.copy()
     fast[NOMINAL.model.keys.index("fnm")] = 40.0
     own, other = (edge_information(prediction, pilot, taps) for pilot in (NOMINAL.values, fast))
-    assert own < SEARCH.max_edge_information < other
+    assert own < MAX_EDGE_INFORMATION < other
 
 
 @pytest.mark.parametrize("seed", [0, 1])

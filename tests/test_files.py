@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +19,6 @@ from pilotid.recordings.files import (
     Reading,
     load_recording,
     parse_mapping,
-    refuse_codes,
     save_recording,
 )
 from pilotid.recordings.recording import SIGNALS, Recording
@@ -302,8 +300,6 @@ def test_kind_is_read(tmp_path: Path, write: Writer, runs: int, more: dict[str, 
 # ------------------------------------------------------------------ what is refused
 
 
-CODES = [np.where(np.arange(SAMPLES) % 9 == 4, code, ONE["e"]) for code in (-9999.0, 1e30, 1e308)]
-
 #: Name, file, and what the sentence must say.
 REFUSED: list[tuple[str, Writer, list[str]]] = [
     ("no names", written(text().partition("\n")[2]), ["line 1"]),
@@ -320,10 +316,6 @@ REFUSED: list[tuple[str, Writer, list[str]]] = [
      ["line 2 has 8 cells but the header has 4", "semicolons"]),
     ("mixed decimals", written(GERMAN.replace(",", ".", 300)),
      ["F.csv: line 77, column t"]),
-    ("code -9999", written(text(columns={**ONE, "e": CODES[0]})),
-     ["signal e is -9999 at 27 samples", "a code for missing values"]),
-    ("code 1e30", saved({**ONE, "e": CODES[1]}), ["signal e is 1e+30 at 27 samples"]),
-    ("code 1e308", saved({**ONE, "x": CODES[2]}), ["1e+308"]),
     ("empty cells", written(text() + "12.00,,,\n12.05,1,1,1\n"), ["the cell is empty"]),
     ("NaN", saved({**ONE, "u": np.where(T == 3.0, np.nan, U[0])}), ["at sample 61"]),
     ("a spreadsheet", written(b"PK\x03\x04", "F.xlsx"), [".csv or a .mat file", ".npz"]),
@@ -340,7 +332,7 @@ REFUSED: list[tuple[str, Writer, list[str]]] = [
      ["variable d"]),
     ("MATLAB two arrays of structs",
      saved({"a": structs([run(0)] * 2), "b": structs([run(1)] * 2)}),
-     ["the structs a, b all hold t, e, u, x", "F.mat::a"]),
+     ["the structs a, b all hold signals", "F.mat::a"]),
     ("MATLAB no such part", part(saved({"a": run(0)}), "b"), ["no part 'b', only a"]),
     ("no such level", part(saved({**TWO, "sigma": [3, 17]}), "sigma=4"), ["there are 3, 17"]),
     ("levels of no runs", part(saved({**TWO, "sigma": [3, 17, 5]}), "sigma=3"),
@@ -359,9 +351,7 @@ REFUSED: list[tuple[str, Writer, list[str]]] = [
 #: Lines of a CSV file, and what the sentence must say.
 REFUSED_LINES: list[tuple[list[str], list[str]]] = [
     (replaced(5, "0.15,abc,0,0"), ["line 5, column e: 'abc' is not a finite number"]),
-    (replaced(5, "0.15,1_0,0,0"), ["line 5, column e: '1_0' is not a finite number"]),
     (replaced(5, "0.15,0,0,nan"), ["line 5, column x: 'nan' is not a finite number"]),
-    (replaced(5, '"a\nb",0,0,0'), ["line 5, column t: 'a b'"]),
     (replaced(5, ""), ["line 5 has 0 cells"]),
     (replaced(5, '0.15,"0,0,0'), ["line 5 cannot be read as comma-separated values"]),
     (replaced(5, "0.05,0,0,0"), ["time does not increase at line 5"]),
@@ -399,10 +389,7 @@ REFUSED_LINES: list[tuple[list[str], list[str]]] = [
 REFUSED_BYTES: list[tuple[bytes, list[str]]] = [
     (b"", ["line 1"]),
     (b"t,e,u,x\n0,1,2,\xe9\n", ["line 2, column x: 'é' is not a finite number"]),
-    (b"t,e,u,x\n0,1,2,\xe9\x02\n", ["line 2"]),
     ("t,e,u,x\n0,1,2,3\n".encode("utf-16"), ["holds 1 samples"]),
-    ("t,e,u,x\n0,1,2,3\n".encode("utf-16")[:-1], ["line 2", "16"]),
-    (b"," * 2_000_000, ["line 1"]),
 ]
 
 #: The sidecar of a file with a run-in of 1 s.
@@ -415,18 +402,13 @@ REFUSED_NOTES: list[tuple[str, list[str]]] = [
     ('{"runs": 0}', ["F.json: runs"]),
     ('{"run_in": 2.0}', ["F.csv", "40 samples of run-in"]),
     ('{"run_in": -1}', ["F.json: run_in"]),
-    ('{"run_in": 1' + "0" * 9000 + "}", ["F.json"]),
     ('{"dt": 0}', ["F.json: dt"]),
     ('{"dt": 0.06}', ["F.csv: the note dt says 0.06 s"]),
     ('{"units": "deg"}', ["F.json: units"]),
     ('{"units": {"y": "deg"}}', ["F.json: units", "'y'"]),
     ('{"lines": {"u": [1]}}', ["F.json: lines.u"]),
     ('{"lines": {"ft": [1, "2"]}}', ["F.json: lines.ft.1"]),
-    ('{"units": {"u": "\\u001b[31m"}}', ["F.csv: the unit of u"]),
     ('{"units": {"u": "' + "m" * 41 + '"}}', ["F.csv: the unit of u"]),
-    ('{"controlled_element": "\\udfff"}', ["F.json"]),
-    ('{"dt": 1e-310}', ["F.json: dt"]),
-    ('{"a":' * 50_000, ["F.json"]),
 ]
 
 #: The variables of a MATLAB file.
@@ -449,74 +431,15 @@ REFUSED_VARIABLES: list[tuple[dict[str, object], list[str]]] = [
 ]
 
 
-def v73_change(change: Callable[[Any], object]) -> Writer:
-    """A v7.3 file without u and with a change by h5py."""
-
-    def write(folder: Path) -> Path:
-        save_v73(folder / "G.mat", ONE)
-        path = save_v73(folder / "F.mat", {k: v for k, v in ONE.items() if k != "u"})
-        with h5py.File(path, "r+") as file:
-            change(file)
-        return path
-
-    return write
-
-
-def virtual() -> Any:
-    layout = h5py.VirtualLayout((1, SAMPLES), "f8")
-    layout[:] = h5py.VirtualSource("G.mat", "/u", (1, SAMPLES))
-    return layout
-
-
-def holding_itself(file: Any) -> None:
-    file.create_group("a")["a"] = file.get("a", file)
-    file["a"]["b"] = file["a"]
-
-
-#: Files that point to others, lack parts or are cut, and what is no file at all.
+#: Files that are cut, and what is no file at all.
 REFUSED_STORAGE: list[tuple[Writer, list[str]]] = [
-    (
-        v73_change(lambda f: f.__setitem__("u", h5py.ExternalLink("other.mat", "/u"))),
-        ["F.mat"],
-    ),
-    (v73_change(lambda f: f.__setitem__("u", h5py.SoftLink("/x"))), ["F.mat"]),
-    (
-        v73_change(
-            lambda f: f.create_dataset(
-                "u", (1, SAMPLES), "f8", external=[("/etc/passwd", 0, h5py.h5f.UNLIMITED)]
-            )
-        ),
-        ["F.mat"],
-    ),
-    (v73_change(lambda f: f.create_virtual_dataset("u", virtual())), ["F.mat"]),
-    (v73_change(lambda f: f.create_dataset("u", (1, SAMPLES), "f8")), ["parts of /u are missing"]),
-    (
-        v73_change(lambda f: f.create_dataset("u", (1, SAMPLES), "f8", chunks=(1, 10))),
-        ["parts of /u are missing"],
-    ),
-    (v73_change(lambda f: f.create_dataset("u", (1, SAMPLES), "c16")), ["F.mat"]),
-    (v73_change(lambda f: f.create_dataset(b"\xff\xfe", (1, 2), "f8")), ["F.mat"]),
-    (v73_change(lambda f: f.create_dataset("\x1b[2J", (1, 2), "f8")), [r"\x1b[2J"]),
-    (v73_change(holding_itself), ["damaged"]),
     (lambda folder: cut(save_v73(folder / "F.mat", ONE), 2000), ["damaged"]),
-    (lambda folder: cut(saved(ONE)(folder), 1000), ["damaged"]),
     (lambda folder: cut(saved(ONE, do_compression=True)(folder), 5000), ["damaged"]),
     (written(b"", "F.mat"), ["damaged"]),
     (written(b"t,e,u,x\n" * 99, "F.mat"), ["damaged"]),
-    (written(bytes(600), "F.mat"), ["F.mat"]),
-    (written(b"\xff" * 600, "F.mat"), ["damaged"]),
     (lambda folder: folder / "F.csv", ["no such file"]),
     (lambda folder: folder / "F.mat", ["no such file"]),
     (lambda folder: made(folder / "F.csv", Path.mkdir), ["cannot be read"]),
-    (lambda folder: made(folder / "F.mat", os.mkfifo), ["cannot be read"]),
-    (
-        lambda folder: made(folder / "F.csv", lambda path: path.symlink_to("/dev/zero")),
-        ["cannot be"],
-    ),
-    (lambda folder: made(folder / "F.csv", lambda path: path.symlink_to(path)), ["cannot be read"]),
-    (lambda folder: made(folder / "F.csv", large), ["1074 MB large"]),
-    (lambda folder: folder / ("a" * 5000 + ".csv"), ["cannot be read"]),
-    (lambda folder: folder / "a\0b.mat", [r"a\x00b.mat", "cannot be read"]),
 ]
 
 
@@ -528,11 +451,6 @@ def cut(path: Path, size: int) -> Path:
 def made(path: Path, make: Callable[[Path], object]) -> Path:
     make(path)
     return path
-
-
-def large(path: Path) -> None:
-    with path.open("wb") as stream:
-        stream.truncate(2**30 + 1)
 
 
 def with_notes(notes: str | bytes) -> Writer:
@@ -589,7 +507,6 @@ PLAIN_LINES: list[Callable[[list[str]], list[str]]] = [
     lambda lines: [line.replace(",", " , ") for line in lines],
     lambda lines: ["a," + lines[0] + ",note", *("7," + line + ",text" for line in lines[1:])],
     lambda lines: [",".join(line.split(",")[::-1]) for line in lines],
-    lambda lines: [*lines[:5], re.sub(r"^([^,]*)", '"\\1\n"', lines[5]), *lines[6:]],
 ]
 
 
@@ -758,17 +675,6 @@ def test_the_sampling_interval_must_agree_with_the_time(tmp_path: Path) -> None:
         InputError, match=r"the note dt says 0.05 s but the samples are 0.01 s apart"
     ):
         load_recording(path, dt=0.01)
-
-
-def test_a_code_is_told_from_a_large_signal() -> None:
-
-    counts = np.linspace(-9999.0, 9999.0, 401)[None]
-    refuse_codes(counts, "u", "F")
-    refuse_codes(np.full((1, 3), -9999.0), "u", "F")
-    with pytest.raises(
-        InputError, match="is 9999 at 1 sample, the first of them sample 2 of run 1"
-    ):
-        refuse_codes(np.array([[0.0, 9999.0, 100.0]]), "u", "F")
 
 
 def test_measured_yaw(measured: Path) -> None:

@@ -10,13 +10,13 @@ from helpers import NOMINAL, fit_of, minima_at, without_remnant
 
 from pilotid.datasets import simulate
 from pilotid.estimates.estimate import Outcome
-from pilotid.lines.fit import fit_lines
 from pilotid.methods.mle import MLE
+from pilotid.spectral.equations import fit_lines
 from pilotid.time_domain.optimum import Candidates
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.search import maximise_likelihood
-from pilotid.time_domain.settings import SEARCH
+from pilotid.time_domain.settings import MIN_VAF_RATIO
 
 pytestmark = pytest.mark.numerical
 
@@ -36,8 +36,8 @@ def test_the_lines_alone_tell_the_pilot_where_there_is_no_remnant() -> None:
     np.testing.assert_allclose(found.values, TRUTH, rtol=0.02)
     # Best of all at the lines, but for what each of the two ways of fitting leaves.
     others = np.array([found.values, 1.2 * TRUTH, IDLE])
-    assert np.argmin(found.misfits(others)) == 0
-    assert found.misfits(found.values[None])[0] == pytest.approx(found.misfit)
+    misfits = [replace(found, values=values).misfit for values in others]
+    assert np.argmin(misfits) == 0
 
 
 def test_the_lines_optimum_does_not_depend_on_the_starts() -> None:
@@ -53,7 +53,7 @@ def test_who_explains_far_less_than_the_lines_pilot_does_not_follow() -> None:
     judged = following(TRUTH[None])
     own, idle = judged.explained(np.array([TRUTH, IDLE]))
     assert 0.6 < own < 1.0  # a remnant of 20 % or less is left
-    assert idle < SEARCH.min_vaf_ratio * own
+    assert idle < MIN_VAF_RATIO * own
     np.testing.assert_array_equal(judged(np.array([TRUTH, IDLE])), [True, False])
     # What stands behind the pilot's parameters is not looked at.
     behind = np.hstack([np.array([TRUTH, IDLE]), np.full((2, 3), np.nan)])
@@ -72,8 +72,7 @@ def test_ends_that_do_not_follow_are_left_out_unless_none_does() -> None:
 
 def test_an_optimum_that_is_no_pilot_did_not_converge(monkeypatch: pytest.MonkeyPatch) -> None:
     assert fit_of(MLE(), NOMINAL).outcome is Outcome.CONVERGED
-    nobody = replace(SEARCH, min_vaf_ratio=2.0)
-    monkeypatch.setattr("pilotid.time_domain.optimum.SEARCH", nobody)
+    monkeypatch.setattr("pilotid.time_domain.optimum.MIN_VAF_RATIO", 2.0)
     assert fit_of(MLE(), NOMINAL).outcome is Outcome.CONTRADICTED
 
 

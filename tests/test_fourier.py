@@ -23,13 +23,13 @@ from pilotid import load_recording
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
-from pilotid.lines.coefficients import coefficients_of, interpolation
-from pilotid.lines.fit import Equations
 from pilotid.methods.fourier import Fourier
 from pilotid.pilot.catalogue import GAIN_ONLY, MULTI, RATE, SINGLE
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import NotMultisineError, forcing_lines
+from pilotid.spectral.coefficients import coefficients_of, interpolation
+from pilotid.spectral.equations import Equations
 
 pytestmark = pytest.mark.numerical
 

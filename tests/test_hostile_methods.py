@@ -42,7 +42,6 @@ UNSOUND = {
 }
 RAISED = {
     "leave": (Outcome.CRASHED, "SystemExit: 3"),
-    "break_off": (Outcome.CRASHED, "WithoutWords"),
     "fail": (Outcome.CRASHED, "ValueError: a\N{REPLACEMENT CHARACTER}b"),
     "want_all_memory": (Outcome.OUT_OF_MEMORY, "Unable to allocate"),
     "objection": (Outcome.CRASHED, "LookupError: no opinion"),

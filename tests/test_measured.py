@@ -16,9 +16,9 @@ from scipy.io import loadmat
 
 from pilotid import MODELS, identify, load_recording
 from pilotid.methods.fourier import Fourier
+from pilotid.model_choice import by_likelihood
 from pilotid.pilot.catalogue import FOLLOWING, PURSUIT
 from pilotid.recordings.checks import remarks
-from pilotid.time_domain.information_criteria import evidence
 
 pytestmark = pytest.mark.numerical
 
@@ -47,8 +47,8 @@ def test_motion_in_position_control_is_a_rate_beside_lead_and_lag(measured: Path
     file = measured / "yaw" / "ae2224I_measurement_data_subj4_C4.mat"
     recording = load_recording(file)
     names = ("single", "lead-lag", "rate", "lead-lag-motion")
-    found = evidence(recording, [MODELS[name] for name in names], 1)
-    bic = {held.model.name: held.bic for held in found}
+    found = by_likelihood(recording, [MODELS[name] for name in names], 1)
+    bic = {held.model: held.bic for held in found}
     # 10 is very strong evidence on the scale of Kass and Raftery (1995).
     assert bic["lead-lag-motion"] < bic["lead-lag"] - 10.0
     assert bic["lead-lag"] < bic["single"] - 10.0

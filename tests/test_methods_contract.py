@@ -94,7 +94,7 @@ def test_values_come_in_the_model_s_order(method: Method, model: str) -> None:
 @every_method
 @every_model
 def test_the_same_generator_gives_the_same_answer(method: Method, model: str) -> None:
-    # To the bit: that is promised on one machine, and docs/guide/machines.md says what elsewhere.
+    # To the bit: that is promised on one machine, and docs/guide/methods.md says what elsewhere.
     first = fitted(method, model)
     again = identify(method, recording_of(model), MODELS[model], np.random.default_rng(2))
     assert again.outcome is first.outcome

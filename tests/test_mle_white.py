@@ -12,7 +12,7 @@ from helpers import NOMINAL, fit_of, leading_recording, monte_carlo, recording_o
 from scipy.signal import lsim
 from scipy.stats import binom
 
-from pilotid.datasets import scenario_named, simulate
+from pilotid.datasets import SCENARIOS, scenario_named, simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
@@ -20,6 +20,7 @@ from pilotid.methods.mmle3 import MMLE3, Hold, _Output, pulse_response
 from pilotid.pilot.catalogue import GAIN_ONLY, MULTI
 from pilotid.pilot.element import Rational
 from pilotid.study import scores
+from pilotid.study.run import started
 from pilotid.support.remarks import codes_of
 from pilotid.support.types import FloatArray
 
@@ -115,6 +116,17 @@ def test_a_coloured_remnant_makes_the_paper_s_estimator_biased_and_overconfident
     claimed = np.mean([e.std_error for e in estimates], axis=0)
     scatter = np.std(values, axis=0, ddof=1)
     assert np.median(scatter / claimed) > 1.5  # 2 to 6 times is known
+
+
+def test_the_paper_s_estimator_ends_in_one_place_from_any_start() -> None:
+    scenario = SCENARIOS["starts"]
+    recording = simulate(scenario, np.random.default_rng(1))
+    ends = [
+        identify(MMLE3(), recording, started(scenario, 1, replication), np.random.default_rng(1))
+        for replication in (0, 1, 2)
+    ]
+    values = np.array([end.values for end in ends])
+    assert np.all(np.ptp(values, axis=0) < 5e-4 * values[0])  # as in Fig. 5 of the paper
 
 
 @pytest.mark.parametrize(("hold", "bias"), [("zoh", -0.035), ("foh", 0.0)])

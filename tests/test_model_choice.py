@@ -12,6 +12,7 @@ from helpers import NOMINAL, PILOTS, SINGLE_LOOP
 from pilotid.datasets import simulate
 from pilotid.model_choice import (
     Candidate,
+    by_likelihood,
     choose_jointly,
     choose_model,
     compare_models,
@@ -23,7 +24,6 @@ from pilotid.pilot.catalogue import MODELS
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
 from pilotid.support.numbers import recording_rng
-from pilotid.time_domain.information_criteria import evidence
 
 pytestmark = pytest.mark.numerical
 
@@ -188,7 +188,7 @@ def test_subjects_in_two_vehicles_have_the_model_of_the_publication(measured: Pa
     """A lag in one of the two would take the delays of some subjects to zero."""
     held = {
         name: [
-            compare_models(recording, default_candidates(recording), 0, likelihood=False)
+            compare_models(recording, default_candidates(recording), 0)
             for file in sorted(measured.glob(f"adaptation/pilot*_{name}_roll.mat"))
             for recording in [load_recording(file)]
         ]
@@ -214,18 +214,18 @@ def test_misfits_are_those_of_chance_for_the_true_model() -> None:
 def test_criteria_are_of_the_same_samples() -> None:
     recording = recording_of("multi", runs=2)
     models = [MODELS["multi"], MODELS["single"]]
-    both = evidence(recording, models, 0)
+    both = by_likelihood(recording, models, 0)
     assert both[0].samples == both[1].samples
     assert both[0].log_likelihood > both[1].log_likelihood + 10.0
     for own in both:
         # Runs left out are predicted a little worse than runs that were fitted, and no more.
-        assert -60.0 < own.left_out.sum() - own.log_likelihood < 0.0
+        assert -60.0 < sum(own.left_out_log_likelihood) - own.log_likelihood < 0.0
 
 
 def test_a_richer_model_never_explains_less() -> None:
     """With the true model's optimum inside it, the likelihood cannot fall."""
     recording = recording_of("single")
-    simple, richer = evidence(recording, [MODELS["single"], MODELS["lead-lag"]], 0)
+    simple, richer = by_likelihood(recording, [MODELS["single"], MODELS["lead-lag"]], 0)
     assert richer.log_likelihood > simple.log_likelihood - 1.0
 
 

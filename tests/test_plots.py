@@ -8,12 +8,14 @@ from functools import cache
 import numpy as np
 import pytest
 from helpers import NOMINAL, PILOTS
+from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
 from pilotid.estimates.parts import FrequencyResponse, RemnantEstimate
+from pilotid.methods.fourier import first_step_of
 from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -113,6 +115,18 @@ def test_the_curve_is_the_model_s_response() -> None:
     np.testing.assert_allclose(np.exp(1j * turned), response / np.abs(response), atol=1e-9)
     assert above.get_ylabel() == "magnitude |u/x|"
     assert (below.get_ylabel(), below.get_xlabel()) == ("phase [deg]", "frequency [rad/s]")
+
+
+def test_all_channels_are_drawn_with_the_coefficients_of_the_recording() -> None:
+    axes = plots.describing_function(estimate(), points=recording())
+    assert len(axes) == 2 * len(MULTI.channels)
+    known = first_step_of(recording(), MULTI)
+    assert known is not None
+    for index, above in enumerate(axes[::2]):
+        assert above.get_title(loc="left") == f"{MULTI.channels[index].name} channel"
+        (points,) = above.containers
+        np.testing.assert_allclose(points[0].get_ydata(), np.abs(known.value[index]))
+    pyplot.close(axes[0].figure)
 
 
 def test_the_band_of_an_uncertain_gain_is_one_of_magnitude_alone() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -161,42 +160,6 @@ def test_gram_holds_the_inner_products_of_the_rows(noise: Whitener) -> None:
     gram, rows = problem.gram(values), problem.rows(values)
     assert gram.shape == (2, 8, 8)
     np.testing.assert_allclose(gram, np.einsum("sprt,sqrt->spq", rows, rows), rtol=1e-9)
-
-
-@pytest.mark.parametrize(("runs", "limit"), [(1, 1000), (3, 5000)])
-def test_long_recordings_have_the_rows_and_grams_of_short_ones(
-    runs: int, limit: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    prediction = predict(simulate(replace(NOMINAL, runs=runs), np.random.default_rng(1)), MULTI)
-    sets = apart(NOMINAL.values, 0.1)
-    taps = np.array([1.0, -0.9])
-    short = Likelihood(prediction, Whitener(taps))
-    rows, gram = short.rows(sets), short.gram(sets)
-    monkeypatch.setattr("pilotid.time_domain.prediction.LONG_BINS", limit)
-    long = Likelihood(replace(prediction), Whitener(taps))  # without what is cached
-    assert (short.block, long.block) == (4, 1)
-    size = np.sqrt(np.einsum("spp->sp", gram))
-    tolerance = 1e-12 * size[:, :, None, None]
-    assert np.all(np.abs(long.rows(sets) - rows) < tolerance)
-    assert np.all(np.abs(long.gram(sets) - gram) < 1e-12 * size[:, :, None] * size[:, None])
-    basis = long.prediction.nuisance_basis
-    assert basis.T @ basis == pytest.approx(np.eye(2), abs=1e-12)
-    rest = prediction.without_nuisance(basis.T)
-    assert rest == pytest.approx(np.zeros_like(rest), abs=1e-12)
-
-
-def test_a_long_recording_takes_the_memory_of_a_few_rows() -> None:
-    """At a time: the transforms of one parameter set, and the samples of the set before."""
-    rng = np.random.default_rng(1)
-    e, u, x = rng.normal(size=(3, 1, 150_000))
-    problem = Likelihood(predict(Recording(dt=0.01, e=e, u=u, x=x), MULTI))
-    sets = np.concatenate([apart(NOMINAL.values, 0.1), apart(NOMINAL.values, 0.2)])
-    rows = problem.rows(sets[:1])
-    tracemalloc.start()
-    problem.gram(sets)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert peak < 4.5 * rows.nbytes
 
 
 def test_residual_is_the_last_row_without_whitening() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -99,16 +100,10 @@ def test_signals_of_different_shapes_are_refused(name: str, shape: tuple[int, in
 
 
 @pytest.mark.parametrize("name", SIGNALS)
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("value", [np.nan, -np.inf, 1.1e100])
 def test_sample_that_is_no_number_is_refused_with_its_place(name: str, value: float) -> None:
-    words = f"signal {name} is not a number at sample 12 of run 2;"
+    words = re.escape(f"signal {name} is {value:g} at sample 12 of run 2;")
     refused(words, **{name: spoilt(name, (1, 11), value)})
-
-
-@pytest.mark.parametrize("value", [1e160, -1e308, 1.1e100])
-@pytest.mark.parametrize("name", SIGNALS)
-def test_absurdly_large_sample_is_refused_with_its_place(name: str, value: float) -> None:
-    refused(f"signal {name} is .* at sample 12 of run 2", **{name: spoilt(name, (1, 11), value)})
 
 
 def test_control_that_is_constant_but_for_the_run_in_is_refused() -> None:
@@ -173,21 +168,6 @@ def test_recordings_that_differ_are_not_joined(second: Recording, what: str) -> 
     assert len(message.splitlines()) == 1
 
 
-def test_a_run_counts_once() -> None:
-    rng = np.random.default_rng(1)
-    one, two = (
-        Recording(
-            dt=0.02, source=name, **dict(zip("eux", rng.standard_normal((3, 1, 1500)), strict=True))
-        )
-        for name in ("one.csv", "two.csv")
-    )
-    assert joined([one, two]).runs == 2
-    with pytest.raises(
-        InputError, match=r"run 1 of one.csv has the same control as run 1 of one.csv"
-    ):
-        joined([one, two, one])
-
-
 # ------------------------------------------------------------------ what Python may hand over
 
 
@@ -203,10 +183,7 @@ def test_a_run_counts_once() -> None:
         *({"dt": dt} for dt in ("0.02", None, 0.02 + 0j, np.array(0.02), True)),
         *({"run_in": n} for n in ("40", 1.5, True, -1)),
         *({"lead_in": s} for s in (None, "3", -1.0, 1e308, np.nan)),
-        *({"lines": x} for x in (None, {"ft": "abc"}, {"ft": 5}, {"ft": (1, -2)})),
-        {"units": None},
-        {"origin": None},
-        {"treatment": 3},
+        *({"lines": x} for x in ({"ft": "abc"}, {"ft": (1, -2)})),
     ],
 )
 def test_what_is_of_another_type_is_refused_in_a_sentence(changed: dict[str, Any]) -> None:

@@ -78,8 +78,6 @@ def codes() -> dict[str, list[str]]:
             "\n".join(line for line in cell.splitlines() if not re.match(r"\s*[!%:]", line))
             for cell in cells
         ]
-    for script in (ROOT / "docs" / "gallery").rglob("*.py"):
-        found[str(script.relative_to(ROOT))] = [script.read_text("utf-8")]
     return {name: own for name, own in found.items() if own}
 
 

@@ -10,12 +10,11 @@ from scipy.signal import lfilter
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.parts import real_parts
-from pilotid.frequency.regression import (
+from pilotid.spectral.regression import (
     Criterion,
     Regression,
     Structure,
-    StructureSearch,
-    discrete_response,
+    information_criterion,
     lagged_rows,
 )
 from pilotid.support.types import FloatArray
@@ -89,12 +88,10 @@ def test_costs_of_one_factorisation_are_those_of_plain_least_squares() -> None:
     signals = true_arx(np.random.default_rng(1), 120, runs=3)
     regression = Regression(signals[0], signals[1:], 4, [(1, 8), (1, 8)], 8)
     structures = grid(range(5), range(1, 5), range(1, 6))
-    costs = regression.costs(structures)
-    for i in range(0, len(structures), 17):
-        coefficients, cost, covariance = plain(signals, structures[i], 8)
-        assert costs[i] == pytest.approx(cost, rel=1e-10)
-        fit = regression.fit(structures[i])
-        assert fit.cost == pytest.approx(cost, rel=1e-10)
+    for structure in structures[::17]:
+        coefficients, cost, covariance = plain(signals, structure, 8)
+        assert regression.cost(structure) == pytest.approx(cost, rel=1e-10)
+        fit = regression.fit(structure)
         assert fit.coefficients == pytest.approx(coefficients, rel=1e-8)
         assert fit.covariance == pytest.approx(covariance, rel=1e-8, abs=1e-12)
 
@@ -104,20 +101,15 @@ def test_a_pilot_s_ill_conditioned_rows_keep_their_precision() -> None:
     u, e, x = (s[:, ::2] for s in (recording.u, recording.e, recording.x))
     structure = Structure(8, (10, 10), (3, 3))
     regression = Regression(u, [e, x], 8, [(3, 12), (3, 12)], 12)
-    assert regression.costs([structure])[0] == pytest.approx(
-        plain([u, e, x], structure, 12)[1], rel=1e-6
-    )
+    assert regression.cost(structure) == pytest.approx(plain([u, e, x], structure, 12)[1], rel=1e-6)
 
 
 def test_more_columns_than_rows_leave_no_residual() -> None:
     signals = true_arx(np.random.default_rng(1), 14)
     regression = Regression(signals[0], signals[1:], 4, [(1, 6), (1, 6)], 6)
-    structures = [Structure(poles, (6, 6), (1, 1)) for poles in (4, 0)]
-    assert regression.costs(structures).tolist() == [0.0, 0.0]
-    few = Structure(1, (1, 1), (1, 1))
-    costs = regression.costs([*structures, few])
-    assert costs[2] == pytest.approx(regression.fit(few).cost)
-    assert costs[2] > 0.0
+    for poles in (4, 0):
+        assert regression.cost(Structure(poles, (6, 6), (1, 1))) == 0.0
+    assert regression.cost(Structure(1, (1, 1), (1, 1))) > 0.0
 
 
 def test_a_drift_of_each_run_can_be_fitted_besides() -> None:
@@ -139,8 +131,7 @@ def test_a_drift_of_each_run_can_be_fitted_besides() -> None:
 def test_the_search_finds_orders_and_delays_of_a_true_system(criterion: Criterion) -> None:
     signals = true_arx(np.random.default_rng(5), 400, runs=3)
     regression = Regression(signals[0], signals[1:], 4, [(1, 8), (1, 8)], 8)
-    found = regression.search(grid(range(1, 5), range(1, 5), range(1, 5)))
-    best = found.best(criterion)
+    best = regression.best(grid(range(1, 5), range(1, 5), range(1, 5)), criterion)
     assert best.delays == DELAYS
     if criterion == "aicc":  # which is known to take too many
         assert best.poles >= 2
@@ -150,17 +141,15 @@ def test_the_search_finds_orders_and_delays_of_a_true_system(criterion: Criterio
 
 
 def test_criteria_by_hand() -> None:
-    search = StructureSearch(
-        (Structure(1, (1,), (1,)), Structure(2, (2,), (1,))), np.array([20.0, 10.0]), 100
-    )
+    given = np.array([20.0, 10.0]), np.array([2.0, 4.0]), 100
     deviance = 100.0 * np.log([0.2, 0.1])
-    assert search.criterion("aicc") == pytest.approx(
+    assert information_criterion("aicc", *given) == pytest.approx(
         deviance + [4.0 + 12.0 / 97.0, 8.0 + 40.0 / 95.0]
     )
-    assert search.criterion("bic") == pytest.approx(deviance + np.log(100.0) * np.array([2, 4]))
-    assert search.criterion("heavy", 5.0) == pytest.approx(
-        deviance + 5.0 * np.log(100.0) * np.array([2, 4])
-    )
+    for name, weight in (("bic", 1.0), ("heavy", 3.0)):
+        assert information_criterion(name, *given) == pytest.approx(
+            deviance + weight * np.log(100.0) * np.array([2, 4])
+        )
 
 
 def test_the_response_s_covariance_is_its_scatter() -> None:
@@ -170,7 +159,7 @@ def test_the_response_s_covariance_is_its_scatter() -> None:
     for replication in range(400):
         signals = true_arx(np.random.default_rng(replication), 600)
         fit = Regression(signals[0], signals[1:], 2, [(3, 4), (2, 3)], 5).fit(TRUE)
-        value, covariance = discrete_response(omega, DT, fit, factors)
+        value, covariance = fit.response(omega, DT, factors)
         found.append(real_parts(value))
         claimed.append(covariance)
     shift = np.exp(-1j * omega * DT)
@@ -199,8 +188,8 @@ def test_errors_can_be_propagated_at_another_response() -> None:
     fit = Regression(signals[0], signals[1:], 2, [(3, 4), (2, 3)], 5).fit(TRUE)
     omega = np.array([1.0, 5.0])
     factors = np.ones((2, 2), dtype=complex)
-    value, covariance = discrete_response(omega, DT, fit, factors)
-    same, at_itself = discrete_response(omega, DT, fit, factors, value)
+    value, covariance = fit.response(omega, DT, factors)
+    same, at_itself = fit.response(omega, DT, factors, value)
     assert np.array_equal(value, same)
     assert at_itself == pytest.approx(covariance)
-    assert discrete_response(omega, DT, fit, factors, 2.0 * value)[1][0, 0] > covariance[0, 0]
+    assert fit.response(omega, DT, factors, 2.0 * value)[1][0, 0] > covariance[0, 0]

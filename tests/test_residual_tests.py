@@ -20,7 +20,6 @@ from pilotid.support.remarks import codes_of
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.diagnostics import (
     drift_left,
-    held_share,
     portmanteau,
     ratio_of_halves,
     score_of_halves,
@@ -37,10 +36,6 @@ def test_the_portmanteau_by_hand() -> None:
     by_hand = 4.0 * 6.0 * ((3.0 / 4.0) ** 2 / 3.0 + (2.0 / 4.0) ** 2 / 2.0)
     assert portmanteau(errors, 2) == pytest.approx(by_hand)
     assert portmanteau(errors, 50) > by_hand  # no more lags than there are
-
-
-def test_the_share_of_held_samples_by_hand() -> None:
-    assert held_share(np.array([[1.0, 1.0, 2.0, 2.0, 2.0], [1.0, 2.0, 3.0, 4.0, 5.0]])) == 3 / 8
 
 
 def test_the_ratio_of_halves_by_hand() -> None:

@@ -143,7 +143,7 @@ def test_files_that_are_no_store_are_refused_in_a_sentence(tmp_path: Path) -> No
         Store(tmp_path)
     (tmp_path / STORE).write_bytes(b"no database" * 100)
     for create in (False, True):
-        with pytest.raises(InputError, match=r"sqlite3 .*\.recover"):
+        with pytest.raises(InputError, match="cannot be read or written"):
             Store(tmp_path, create=create)
 
 

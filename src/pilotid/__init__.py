@@ -20,7 +20,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 #: The one place of the version: pyproject.toml reads it here.
-__version__ = "1.0.0rc1"
+__version__ = "1.0.0rc2"
 
 #: The modules that hold the public names, by the stub beside this file: `import pilotid` is
 #: instant, since a name is fetched when it is first used.

@@ -396,26 +396,21 @@ class LineInformation:
     factors: FloatArray
     runs: int
 
-    def information(self, powers: FloatArray) -> FloatArray:
-        """The information at these powers [variance of each line's sine], shape (lines,)."""
-        forced = np.einsum("j,jpa,jqa->pq", powers, self.factors, self.factors)
-        return np.asarray(self.runs * (self.base + forced))
-
     def covariance(self, powers: FloatArray) -> FloatArray:
         """Bound on the covariance of relative errors; NaN where the information is singular.
 
         Parameters
         ----------
         powers
-            Powers of the lines, shape (lines,).
+            Powers of the lines [variance of each line's sine], shape (lines,).
 
         Returns
         -------
         FloatArray
             Shape (parameters, parameters).
         """
-        found = covariance_of(self.information(powers), 1.0)
-        return np.full_like(self.base, np.nan) if found is None else found
+        forced = np.einsum("j,jpa,jqa->pq", powers, self.factors, self.factors)
+        return _inverse(self.runs * (self.base + forced))
 
 
 def line_information(

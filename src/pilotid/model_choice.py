@@ -22,21 +22,22 @@ import numpy as np
 
 from pilotid.estimates.applicability import lines_objection, made_for, motionless_input
 from pilotid.estimates.estimate import at_bounds, bounds_reached
-from pilotid.lines.coefficients import Coefficients
-from pilotid.lines.fit import LinesFit, fit_lines
 from pilotid.pilot.catalogue import MODELS, with_held
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import Recording, unit_sized
 from pilotid.recordings.roles import listed
+from pilotid.solve.least_squares import minimise
+from pilotid.spectral.coefficients import Coefficients
+from pilotid.spectral.equations import LinesFit, fit_lines
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.types import FloatArray, InputError
-from pilotid.time_domain.constancy import changes
-from pilotid.time_domain.information_criteria import Evidence, evidence
+from pilotid.time_domain.constancy import changes, constancy
+from pilotid.time_domain.likelihood import Likelihood
+from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.output_error import simulated_vaf
-
-#: Models whose likelihood is worked out where the lines of forcing functions judge.
-LIKELY = 1
+from pilotid.time_domain.search import maximise_likelihood
+from pilotid.time_domain.settings import LikelihoodSettings
 
 #: What JSON does not have of a candidate.
 NOT_SHOWN = ("remnant", "samples", "no_delay", "determined")
@@ -164,13 +165,11 @@ def lacking(recording: Recording) -> list[str]:
 
 
 def compare_models(
-    recording: Recording,
-    models: Sequence[PilotModel],
-    seed: int,
-    *,
-    likelihood: bool = True,
+    recording: Recording, models: Sequence[PilotModel], seed: int
 ) -> list[Candidate]:
     """What a recording says for each of several models, in their order.
+
+    The lines of forcing functions judge where there are any, else likelihoods.
 
     Parameters
     ----------
@@ -180,9 +179,6 @@ def compare_models(
         The models; those that have no input in it are left out.
     seed
         Seed of the searches' random starts.
-    likelihood
-        Whether to work out likelihoods too where the lines of forcing functions judge, of the
-        models that fit these best: most of the time goes there.
 
     Raises
     ------
@@ -195,59 +191,119 @@ def compare_models(
     if not models:
         raise InputError(f"{recording.source}: none of the models has its inputs in the recording")
     if any(lines_objection(recording, model) is not None for model in models):
-        return [_by_likelihood(found) for found in evidence(recording, models, seed)]
-    lines = fit_forced_response(recording, models, seed)
-    if not likelihood:
-        return [_by_lines(recording, found) for found in lines]
-    # The likelihood's search begins where the lines lead, and with the model that they favour.
-    order = sorted(range(len(models)), key=lambda place: lines[place].misfit)[:LIKELY]
-    found = evidence(recording, [models[i] for i in order], seed, [lines[i].values for i in order])
-    known = dict(zip(order, map(_by_likelihood, found), strict=True))
+        return by_likelihood(recording, models, seed)
     return [
-        _with_lines(known[place], own) if place in known else _by_lines(recording, own)
-        for place, own in enumerate(lines)
+        Candidate(
+            fit.model.name,
+            len(fit.model.parameters),
+            vaf=simulated_vaf(recording, fit.model, fit.values),
+            chi_squared=fit.misfit,
+            freedom=fit.freedom,
+            left_out_chi_squared=_left_out_misfits(fit),
+            bounds=bounds_reached(fit.model, fit.values),
+            no_delay=_no_delay(fit.model, fit.values),
+            determined=fit.determined,
+        )
+        for fit in fit_forced_response(recording, models, seed)
     ]
 
 
-def _by_likelihood(found: Evidence) -> Candidate:
+def by_likelihood(
+    recording: Recording,
+    models: Sequence[PilotModel],
+    seed: int,
+) -> list[Candidate]:
+    """What prediction errors say for each of several models, in their order.
+
+    Each model is fitted by maximum likelihood, the remnant along with it, in one analysis band,
+    with one kind of model of the remnant and the same nuisance terms, and all are scored on the
+    same samples: information criteria of fits of different bands, or of windows that end at
+    different samples, say nothing.  Runs that a fit has not seen judge without any count of
+    parameters: models of people are never true, and what a criterion counts as a parameter may
+    only be a misfit that another parameter mends.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    models
+        Models that its signals allow, the most likely first: the kind of the remnant's model is
+        what suits that one.
+    seed
+        Seed of the searches' random starts.
+    """
+    # All are weighted alike: a frequency counts if no model's input is noise there.
+    signals = (channel.on for model in models for channel in model.channels)
+    # A pilot who changes has no likelihood of a band: criteria of the two say nothing.
+    loop = not any(model.changes for model in models)
+    settings = LikelihoodSettings(wide=(), weighed=tuple(dict.fromkeys(signals)), loop=loop)
+    maxima: list[Optimum] = []
+    for model in models:
+        found = maximise_likelihood(recording, model, fit_rng(seed, model.name), settings)
+        settings = replace(settings, noise=found.joint.noise)
+        maxima.append(found)
+    terms = tuple(sorted({term for found in maxima for term in found.joint.prediction.terms}))
+    scored = min(found.joint.prediction.scored for found in maxima)
+    return [_judged(recording, _with_terms(found, terms), scored, seed) for found in maxima]
+
+
+def _with_terms(found: Optimum, terms: tuple[float, ...]) -> Optimum:
+    """The optimum with these nuisance terms."""
+    prediction, noise = found.joint.prediction, found.joint.noise
+    if prediction.terms == terms:
+        return found
+    joint = Likelihood(replace(prediction, terms=terms), noise)
+    return replace(found, joint=joint).moved(found.values)
+
+
+def _judged(recording: Recording, found: Optimum, scored: int, seed: int) -> Candidate:
+    """What an optimum says for its model by so many scored samples."""
+    values, prediction = found.values, replace(found.joint.prediction, scored=scored)
+    joint = Likelihood(prediction, found.joint.noise)
+    model, pilot = prediction.model, found.pilot
+    runs = prediction.runs
+    left = [_left_out(joint, values, run) for run in range(runs)] if runs > 1 else []
+    parameters, samples = len(values) + 1, joint.residuals
+    log_likelihood = joint.log_likelihood(values)
+    penalty = 2.0 * parameters * samples / max(samples - parameters - 1.0, 1.0)
+    test = constancy(found, recording, fit_rng(seed, "constancy"))
+    bounds = bounds_reached(model, pilot)
     return Candidate(
-        model=found.model.name,
-        pilot_parameters=len(found.model.parameters),
-        parameters=found.parameters,
-        remnant=found.remnant,
-        samples=found.samples,
-        log_likelihood=found.log_likelihood,
-        aicc=found.aicc,
-        bic=found.bic,
-        vaf=found.vaf,
-        left_out_vaf=found.left_out_vaf,
-        left_out_log_likelihood=tuple(found.left_out.tolist()),
-        bounds=bounds_reached(found.model, found.values),
-        no_delay=_no_delay(found.model, found.values),
-        determined=not bounds_reached(found.model, found.values),
-        change_p=math.nan if found.constancy is None else found.constancy.p,
-        change_size=math.nan if found.constancy is None else found.constancy.size,
-        change_time=math.nan if found.constancy is None else found.constancy.time,
-        varies=found.model.changes,
+        model=model.name,
+        pilot_parameters=len(pilot),
+        parameters=parameters,
+        remnant=joint.noise.name,
+        samples=samples,
+        log_likelihood=log_likelihood,
+        aicc=-2.0 * log_likelihood + penalty,
+        bic=-2.0 * log_likelihood + parameters * math.log(samples),
+        vaf=simulated_vaf(recording, model, pilot),
+        left_out_vaf=float(np.mean([vaf for _, vaf in left])) if left else math.nan,
+        left_out_log_likelihood=tuple(likelihood for likelihood, _ in left),
+        bounds=bounds,
+        no_delay=_no_delay(model, pilot),
+        determined=not bounds,
+        change_p=test.p if test else math.nan,
+        change_size=test.size if test else math.nan,
+        change_time=test.time if test else math.nan,
+        varies=model.changes,
     )
 
 
-def _with_lines(candidate: Candidate, fit: LinesFit) -> Candidate:
-    """A candidate with what the lines say of its model."""
-    return replace(
-        candidate,
-        chi_squared=fit.misfit,
-        freedom=fit.freedom,
-        left_out_chi_squared=_left_out_misfits(fit),
-        bounds=bounds_reached(fit.model, fit.values),
-        no_delay=_no_delay(fit.model, fit.values),
-        determined=fit.determined,
-    )
-
-
-def _by_lines(recording: Recording, fit: LinesFit) -> Candidate:
-    vaf = simulated_vaf(recording, fit.model, fit.values)
-    return _with_lines(Candidate(fit.model.name, len(fit.model.parameters), vaf=vaf), fit)
+def _left_out(joint: Likelihood, values: FloatArray, run: int) -> tuple[float, float]:
+    """Log-likelihood and VAF [%] of a run under what the others say."""
+    prediction = joint.prediction
+    rest = [r for r in range(prediction.runs) if r != run]
+    others = Likelihood(prediction.of_runs(rest), joint.noise)
+    # The fits start close by.
+    end = minimise(others.gram, values[None], others, tolerance=2e-5, iterations=12)
+    variance = float(end.cost[0]) / others.scaling(end.values[0])
+    variance /= others.residuals - len(values)
+    alone = Likelihood(prediction.of_runs([run]), joint.noise)
+    likelihood = alone.log_likelihood(end.values[0], variance)
+    residual = alone.prediction.errors(end.values[0, : joint.pilot])
+    share = float(np.var(residual)) / float(np.var(alone.prediction.control))
+    return likelihood, 100.0 * max(0.0, 1.0 - share)
 
 
 def _no_delay(model: PilotModel, values: FloatArray) -> bool:
@@ -302,7 +358,7 @@ def _left_out_misfits(fit: LinesFit) -> tuple[float, ...]:
             power=fit.power * runs / (runs - 1),
         )
         alone = replace(fit, coefficients=_of_runs(coefficients, [run]), power=fit.power * runs)
-        found.append(float(alone.misfits(others.minimised().values[None])[0]))
+        found.append(replace(alone, values=others.minimised().values).misfit)
     return tuple(found)
 
 
@@ -367,7 +423,7 @@ def choose_model(recordings: Sequence[Sequence[Candidate]]) -> Choice:
         For each recording the candidates, see `compare_models`.
     """
     judged = _Judged(recordings)
-    return Choice(judged.taken, judged.reason(judged.taken))
+    return Choice(judged.taken, judged.reason())
 
 
 class _Judged:
@@ -376,32 +432,28 @@ class _Judged:
     def __init__(self, recordings: Sequence[Sequence[Candidate]]) -> None:
         names = [c.model for c in recordings[0]]
         self.names = [n for n in names if all(n in [c.model for c in own] for own in recordings)]
-        self.held = [{c.model: c for c in candidates} for candidates in recordings]
-        self.by_lines = all(c.freedom > 0 for own in self.held for c in own.values())
-        self.credible = self.names if self.by_lines else _credible(self.held, self.names)
-        runs = sum(len(own[self.names[0]].left_out) for own in self.held)
-        told = all(own[name].left_out for own in self.held for name in self.names)
-        self.many = runs >= RUNS and told
+        self.files = [{c.model: c for c in candidates} for candidates in recordings]
+        every = [own[name] for own in self.files for name in self.names]
+        self.by_lines = all(c.freedom > 0 for own in self.files for c in own.values())
+        self.credible = self.names if self.by_lines else self._credible()
+        runs = sum(len(own[self.names[0]].left_out) for own in self.files)
+        self.many = runs >= RUNS and all(c.left_out for c in every)
         # A constant pilot does not say when it changes: the time of change takes what is largest
         # by chance over all times, and a criterion that counts it as a parameter falls for it.
-        varies = any(c.varies for own in self.held for c in own.values())
+        varies = any(c.varies for own in self.files for c in own.values())
         self.criterion = "chi_squared" if self.by_lines else "bic" if varies else "aicc"
-        deficits = _deficits(self.held, self.credible, self.criterion, left_out=self.many)
+        deficits = self._deficits()
         best = min(self.credible, key=lambda name: (sum(deficits[name]), self.parameters(name)))
         self.least = {
             name: [a - b for a, b in zip(own, deficits[best], strict=True)]
             for name, own in deficits.items()
         }
-        self.close = [
-            name
-            for name, own in self.least.items()
-            if name == best or not _clear(own, many=self.many)
-        ]
-        self.taken = min(self.close, key=lambda n: (self.parameters(n), sum(self.least[n])))
+        self.close = [name for name in self.least if name == best or not self._is_worse(name)]
+        self.taken = min(self.close, key=lambda n: (self.parameters(n), self.left(n)))
 
     def parameters(self, name: str) -> int:
         """Number of the pilot's parameters."""
-        return self.held[0][name].pilot_parameters
+        return self.files[0][name].pilot_parameters
 
     def left(self, name: str) -> float:
         """What a model leaves above the best."""
@@ -409,16 +461,82 @@ class _Judged:
 
     def is_pilot(self, name: str) -> bool:
         """Whether a model leaves pilots their delays."""
-        return sum(own[name].no_delay for own in self.held) <= DELAYLESS * len(self.held)
+        return sum(own[name].no_delay for own in self.files) <= DELAYLESS * len(self.files)
 
     def determines(self, name: str) -> bool:
         """Whether at least half of the recordings determine all parameters of a model."""
-        return 2 * sum(own[name].determined for own in self.held) >= len(self.held)
+        return 2 * sum(own[name].determined for own in self.files) >= len(self.files)
 
-    def reason(self, taken: str) -> str:
-        """Why a model is taken, in sentences."""
-        told = _reason(self.held, taken, self.least, self.criterion, left_out=self.many)
-        return " ".join([*told, *_warnings(self.held, self.names, self.credible, taken)])
+    def _credible(self) -> list[str]:
+        """Models that explain about as much of the control as the best one."""
+        most = [max(own[name].vaf for name in self.names) for own in self.files]
+        return [
+            name
+            for name in self.names
+            if all(own[name].vaf >= top - LOST for own, top in zip(self.files, most, strict=True))
+        ] or [max(self.names, key=lambda name: sum(own[name].vaf for own in self.files))]
+
+    def _deficits(self) -> dict[str, list[float]]:
+        """What models leave unexplained, in units of deviance: by run left out, else by file."""
+        found: dict[str, list[float]] = {name: [] for name in self.credible}
+        for own in self.files:
+            # What even the best candidate cannot follow counts as noise.
+            least = min(own[n].excess for n in self.credible)
+            size = max(1.0, least) if self.by_lines else 1.0
+            for name, deficits in found.items():
+                candidate = own[name]
+                if self.many:
+                    deficits += [m / size for m in candidate.left_out]
+                elif self.by_lines:
+                    deficits.append(candidate.chi_squared / size + 2.0 * candidate.pilot_parameters)
+                else:
+                    deficits.append(getattr(candidate, self.criterion))
+        return found
+
+    def _is_worse(self, name: str) -> bool:
+        """Whether a model leaves clearly more unexplained than the best one."""
+        if self.left(name) <= CLOSE or not self.many:
+            return self.left(name) > CLOSE
+        from scipy.stats import wilcoxon
+
+        return float(wilcoxon(self.least[name], alternative="greater").pvalue) < SELDOM
+
+    def reason(self) -> str:
+        """Why the model is taken, in sentences."""
+        told, taken, files = [], self.taken, self.files
+        if any(len(candidates) > 1 for candidates in files):
+            where = "lines of the forcing functions" if self.by_lines else "errors of prediction"
+            judge = {
+                "chi_squared": "a quasi-likelihood criterion",
+                "aicc": "AICc",
+                "bic": "BIC",
+            }[self.criterion]
+            if self.many:
+                judge = f"{len(self.least[taken])} runs, each left out of its fit"
+            names = sorted(self.least, key=self.left)
+            by = "at" if self.by_lines else "by"
+            told.append(f"{taken} was chosen among {listed(names)} {by} the {where} ({judge}).")
+            above = {n: self.left(n) - self.left(taken) for n in names if n != taken}
+            sizes = [
+                f"{n} {d:.0f}" if d <= FAR else f"{n} over {FAR:.0f}" for n, d in above.items()
+            ]
+            # A criterion has a penalty for parameters; of runs left out the deviance is comparable.
+            what = "deviance" if self.many else "deviance with its penalty for parameters"
+            if above:
+                told.append(f"The others' {what}, less that of {taken}: {', '.join(sizes)}.")
+        told += [
+            f"{name} explains no more than {min(own[name].vaf for own in files):.0f} % of the "
+            "control of a recording that others explain better."
+            for name in self.names
+            if name not in self.credible
+        ]
+        bounds = [own[taken].bounds for own in files if own[taken].bounds]
+        if bounds:
+            told.append(
+                f"{len(bounds)} of the {len(files)} fits of {taken} made for this choice end at a "
+                f"bound ({bounds[0]})."
+            )
+        return " ".join(told)
 
 
 def choose_jointly(
@@ -490,93 +608,6 @@ def _on_error(model: PilotModel) -> tuple[object, ...]:
     )
 
 
-def _credible(held: Sequence[Mapping[str, Candidate]], names: Sequence[str]) -> list[str]:
-    """Models that explain about as much of the control as the best one."""
-    most = [max(own[name].vaf for name in names) for own in held]
-    return [
-        name
-        for name in names
-        if all(own[name].vaf >= top - LOST for own, top in zip(held, most, strict=True))
-    ] or [max(names, key=lambda name: sum(own[name].vaf for own in held))]
-
-
-def _deficits(
-    held: Sequence[Mapping[str, Candidate]], names: Sequence[str], criterion: str, *, left_out: bool
-) -> dict[str, list[float]]:
-    """What each model leaves unexplained, in units of deviance: by run left out, else by file."""
-    by_lines = criterion == "chi_squared"
-    found: dict[str, list[float]] = {name: [] for name in names}
-    for own in held:
-        # What even the best candidate cannot follow counts as noise.
-        size = max(1.0, min(own[n].excess for n in names)) if by_lines else 1.0
-        for name in names:
-            candidate = own[name]
-            if left_out:
-                found[name] += [m / size for m in candidate.left_out]
-            elif by_lines:
-                found[name].append(candidate.chi_squared / size + 2.0 * candidate.pilot_parameters)
-            else:
-                found[name].append(getattr(candidate, criterion))
-    return found
-
-
-def _clear(deficits: Sequence[float], *, many: bool) -> bool:
-    """Whether a model leaves clearly more unexplained than the best one, by run or by file."""
-    if sum(deficits) <= CLOSE:
-        return False
-    if not many:
-        return True
-    from scipy.stats import wilcoxon
-
-    return float(wilcoxon(deficits, alternative="greater").pvalue) < SELDOM
-
-
-def _reason(
-    held: Sequence[Mapping[str, Candidate]],
-    taken: str,
-    least: Mapping[str, Sequence[float]],
-    criterion: str,
-    *,
-    left_out: bool,
-) -> list[str]:
-    if all(len(candidates) == 1 for candidates in held):
-        return []
-    by_lines = criterion == "chi_squared"
-    where = "at the lines of the forcing functions" if by_lines else "by the errors of prediction"
-    name = {"chi_squared": "a quasi-likelihood criterion", "aicc": "AICc", "bic": "BIC"}[criterion]
-    judge = f"{len(least[taken])} runs, each left out of its fit" if left_out else name
-    names = sorted(least, key=lambda name: sum(least[name]))
-    told = [f"{taken} was chosen among {listed(names)} {where} ({judge})."]
-    above = {name: sum(least[name]) - sum(least[taken]) for name in names if name != taken}
-    if above:
-        sizes = [f"{n} {d:.0f}" if d <= FAR else f"{n} over {FAR:.0f}" for n, d in above.items()]
-        # A criterion has a penalty for parameters; of runs left out the deviance is comparable.
-        what = "deviance" if left_out else "deviance with its penalty for parameters"
-        told.append(f"The others' {what}, less that of {taken}: {', '.join(sizes)}.")
-    return told
-
-
-def _warnings(
-    held: Sequence[Mapping[str, Candidate]],
-    names: Sequence[str],
-    credible: Sequence[str],
-    taken: str,
-) -> list[str]:
-    told = [
-        f"{name} explains no more than {min(own[name].vaf for own in held):.0f} % of the control "
-        "of a recording that others explain better."
-        for name in names
-        if name not in credible
-    ]
-    bounds = [own[taken].bounds for own in held if own[taken].bounds]
-    if bounds:
-        told.append(
-            f"{len(bounds)} of the {len(held)} fits of {taken} made for this choice end at a bound "
-            f"({bounds[0]})."
-        )
-    return told
-
-
 @dataclass(frozen=True)
 class Selection:
     """A model for one recording, and what was known when it was taken.
@@ -620,7 +651,7 @@ def select(
     if all(motionless_input(recording, model) for model in among.values()):
         first = next(iter(among.values()))
         return Selection(first, "No model has all its inputs in the recording.", ())
-    candidates = compare_models(recording, list(among.values()), seed, likelihood=False)
+    candidates = compare_models(recording, list(among.values()), seed)
     choice = choose_model([candidates])
     taken = next(c for c in candidates if c.model == choice.model)
     told = [choice.reason, *(() if models else _more(recording, taken))]

@@ -1,15 +1,17 @@
 """Whether what was built is all that a user needs.
 
 The wheel must hold the files of the source tree, no more and no less, and the sdist what it takes
-to build and test.  Then, outside the tree, bare environments get nothing but the wheel and its
-dependencies and run the comparison: the newest dependencies on each Python that is found, and the
-oldest that pyproject.toml allows on the oldest Python.
+to build and test; the recipe of conda-forge says what the sdist says.  Then, outside the tree,
+bare environments get nothing but the wheel and its dependencies and run the comparison: the newest
+dependencies on each Python that is found, and the oldest that pyproject.toml allows on the oldest
+Python.
 
 Run by `nox -s build`; `-- --quick` for the oldest Python alone, three recordings.
 """
 
 import argparse
 import csv
+import hashlib
 import os
 import subprocess
 import sys
@@ -17,7 +19,10 @@ import tarfile
 import tempfile
 import tomllib
 import zipfile
+from email.parser import Parser
 from pathlib import Path
+
+import yaml
 
 TREE = Path(__file__).parents[2]
 #: Where the packages of the wheel lie in the tree.
@@ -39,6 +44,7 @@ def main() -> None:
     (sdist,) = dist.glob("*.tar.gz")
     check_wheel(wheel)
     check_sdist(sdist)
+    check_recipe(sdist)
     oldest, *others = PYTHONS
     many = () if given.quick else ("--replications", "25")
     few = ("--replications", "3")
@@ -80,6 +86,47 @@ def check_sdist(sdist: Path) -> None:
     if missing := wanted - held:
         sys.exit(f"the sdist lacks {sorted(missing)}")
     print(f"{sdist.name}: {len(held)} files and folders", flush=True)
+
+
+def check_recipe(sdist: Path) -> None:
+    """Stop unless the recipe of conda-forge has the fields of the sdist."""
+    recipe = yaml.safe_load((TREE / "packaging/conda-forge/recipe.yaml").read_text("utf-8"))
+    with tarfile.open(sdist) as archive:
+        (info,) = (
+            m for m in archive.getmembers() if m.name.count("/") == 1 and "PKG-INFO" in m.name
+        )
+        stream = archive.extractfile(info)
+        told = Parser().parsestr(stream.read().decode() if stream else "")
+    needs = [n for n in told.get_all("Requires-Dist", []) if "extra ==" not in n]
+    wanted = {
+        "name": told["Name"],
+        "version": told["Version"],
+        "python": told["Requires-Python"],
+        "license": told["License-Expression"],
+        "summary": told["Summary"],
+        "run": sorted(n.replace("matplotlib>", "matplotlib-base>") for n in needs),
+        "entry points": [
+            f"{name} = {place}"
+            for name, place in tomllib.loads((TREE / "pyproject.toml").read_text())["project"][
+                "scripts"
+            ].items()
+        ],
+    }
+    run = [need for need in recipe["requirements"]["run"] if not need.startswith("python ")]
+    found = {
+        "name": recipe["package"]["name"],
+        "version": recipe["context"]["version"],
+        "python": f">={recipe['context']['python_min']}",
+        "license": recipe["about"]["license"],
+        "summary": recipe["about"]["summary"],
+        "run": sorted(need.replace(" ", "") for need in run),
+        "entry points": recipe["build"]["python"]["entry_points"],
+    }
+    for field, value in wanted.items():
+        if found[field] != value:
+            sys.exit(f"recipe.yaml: {field} is {found[field]}, that of the sdist {value}")
+    digest = hashlib.sha256(sdist.read_bytes()).hexdigest()
+    print(f"recipe.yaml agrees with {sdist.name}, whose sha256 is {digest}", flush=True)
 
 
 def tracked(folder: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Two published experiments, found again; the tables and figures of docs/published.md.
+"""Two published experiments, found again; the tables of docs/measurements.md.
 
     PILOTID_MEASURED=FOLDER nox -s check -- published             both
     PILOTID_MEASURED=FOLDER nox -s check -- published preview     Yamagami et al. (2019)
@@ -15,7 +15,6 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.io import loadmat
@@ -29,15 +28,11 @@ from pilotid.pilot.element import element_named
 from pilotid.pilot.factors import Gain, Lead
 from pilotid.pilot.model import Channel
 from pilotid.recordings.recording import Recording, joined
-from pilotid.show.style import draw_grid, journal_style, log_ticks
 from pilotid.support.types import FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 DOCS = Path(__file__).parents[2] / "docs"
 DT = 1.0 / 60.0
-SUBJECTS = {"zu": "#0072B2", "iz": "#D55E00"}  # of seven, and their colours
+SUBJECTS = ("zu", "iz")  # of seven
 ELEMENTS = {"fo": "1/s", "so": "1/(s(s+1))"}
 LOW = 0.15  # Hz, up to which people are published to invert the element
 #: The catalogue's model with a lead in place of the lag: the second-order element asks for it.
@@ -85,47 +80,21 @@ def mean_share(share: FloatArray, error: FloatArray, inside: FloatArray) -> str:
 
 
 def preview(folder: Path) -> str:
-    """Table and figure of feedforward and feedback."""
-    import matplotlib.pyplot as plt
-
-    keys = ("tdvis [s]", "tlook [s]", "tlook + tdvis [s]", "tlead [s]", "VAF", "remarks")
+    """Tables of feedforward and feedback."""
+    keys = ("tlook + tdvis [s]", "VAF", "remarks")
     shares = _head("element", "subject", "runs", "F Hc to .15 Hz", "F Hc above")
     fits = _head("element", "subject", "method", *keys)
-    figure, panels = plt.subplots(2, 2, figsize=(7.2, 4.6), sharex="col", layout="constrained")
-    for column, element in enumerate(ELEMENTS):
-        above, below = panels[:, column]
-        for place, (subject, colour) in enumerate(SUBJECTS.items()):
+    for element in ELEMENTS:
+        for subject in SUBJECTS:
             recording = preview_runs(folder, subject, element)
             found = Fourier().first_step(recording, PURSUIT)  # feedback on e, feedforward on ft
             share, error = inverse_shares(found, element)
             low = found.omega <= 2.0 * np.pi * LOW
-            beside = found.omega * 1.03**place  # so that no bar hides another
-            points(above, beside, share, error, colour, f"subject {subject}")
-            points(below, beside, found.value[0], found.std[0], colour, f"subject {subject}")
             means = mean_share(share, error, low), mean_share(share, error, ~low)
             shares.append(_row(element, subject, recording.runs, *means))
             for method in ("mle", "fourier"):
-                fit = pilotid.identify(method, recording, LED)
+                fit = pilotid.identify(recording, LED, method)
                 fits.append(_row(element, subject, method, *fitted(fit)))
-        for level in (1.0, 0.5):
-            above.axhline(
-                level, color="#444444", linewidth=0.8, linestyle="-" if level == 1 else ":"
-            )
-        above.set_title(f"Hc = {ELEMENTS[element]}", loc="left")
-        below.set_xlabel("frequency [rad/s]")
-        above.set_ylim(0.1, 10.0)
-        below.set_ylim(0.5, 40.0)
-        above.set_ylabel("|F Hc| [-]")
-        below.set_ylabel("|B| [-]")
-        for axes in (above, below):
-            axes.set_xscale("log")
-            axes.set_yscale("log")
-            axes.minorticks_off()
-            draw_grid(axes)
-            log_ticks(axes, "x")
-            log_ticks(axes, "y")
-    panels[0, 0].legend(frameon=False)
-    saved(figure, "preview")
     return "\n".join([*shares, "", *fits])
 
 
@@ -137,28 +106,11 @@ def _row(*cells: object) -> str:
     return f"| {' | '.join(map(str, cells))} |"
 
 
-def points(
-    axes: Axes, omega: FloatArray, value: FloatArray, error: FloatArray, colour: str, label: str
-) -> None:
-    """Magnitudes at the lines, with bars that hold 95 %."""
-    size, reach = np.abs(value), 1.96 * error / np.sqrt(2.0)
-    bars = [np.minimum(reach, 0.98 * size), reach]
-    axes.errorbar(omega, size, bars, fmt="o", color=colour, markersize=4.0, elinewidth=0.9,
-                  markerfacecolor="white", label=label)  # fmt: skip
-
-
 def fitted(fit: Estimate) -> list[str]:
-    """Delay, look-ahead and lead with their intervals, the first two's sum, VAF, remarks."""
-    index = {key: i for i, key in enumerate(fit.model.keys)}
-
-    def shown(key: str) -> str:
-        low, high = fit.intervals[index[key]]
-        return f"{fit.values[index[key]]:.2f} ({low:.2f} .. {high:.2f})"
-
-    both = sum(fit.values[index[key]] for key in ("tdvis", "tlook"))
+    """How far the response to the target is ahead of that to the output, VAF, remarks."""
+    values = dict(zip(fit.model.keys, fit.values, strict=True))
     told = ", ".join(dict.fromkeys(r.code for r in fit.remarks if r.grade != "note")) or "-"
-    found = [shown("tdvis"), shown("tlook"), f"{both:.2f}", shown("tlead")]
-    return [*found, f"{fit.vaf:.0f} %", told]
+    return [f"{values['tdvis'] + values['tlook']:.2f}", f"{fit.vaf:.0f} %", told]
 
 
 # ---------------------------------------------------------------------- Bonnen et al. (2015)
@@ -192,54 +144,26 @@ def correlogram_lag(recording: Recording) -> float:
 
 
 def following(folder: Path) -> str:
-    """Table and figure of the lag over the width of the blob."""
-    import matplotlib.pyplot as plt
-
+    """Table of the lag over the width of the blob."""
     head = ("tlagt [s]", "tdt [s]", "lag of the correlogram [s]", "Kt", "VAF")
     lines = _head("width [arcmin]", *head)
-    rows = []
     for width, recording in following_runs(folder / "data.mat").items():
-        fit = pilotid.identify("mle", recording, FOLLOWING)
+        fit = pilotid.identify(recording, FOLLOWING, "mle")
         values = dict(zip(fit.model.keys, fit.values, strict=True))
         errors = dict(zip(fit.model.keys, fit.std_error, strict=True))
-        ends = dict(zip(fit.model.keys, fit.intervals, strict=True))
         peak = correlogram_lag(recording)
-        rows.append((width, values["tlagt"], *ends["tlagt"], values["tdt"], *ends["tdt"], peak))
         shown = [f"{values[key]:.3f} ± {errors[key]:.3f}" for key in ("tlagt", "tdt")]
         gain = f"{values['Kt']:.3f} ± {errors['Kt']:.3f}"
         lines.append(_row(width, *shown, f"{peak:.2f}", gain, f"{fit.vaf:.0f} %"))
-    width, *series, peak = np.array(rows).T
-    figure, axes = plt.subplots(figsize=(4.6, 3.0), layout="constrained")
-    for place, label, colour, marker in (
-        (0, "lag tlagt", "#0072B2", "o"),
-        (3, "delay tdt", "#D55E00", "s"),
-    ):
-        value, low, high = series[place : place + 3]
-        axes.errorbar(width, value, [value - low, high - value], fmt=f"{marker}-", color=colour,
-                      markersize=4.0, elinewidth=0.9, label=label)  # fmt: skip
-    axes.plot(width, peak, "^--", color="#444444", markersize=4.0, linewidth=0.8,
-              label="lag of the correlogram")  # fmt: skip
-    axes.set_xlabel("width of the blob [arcmin]")
-    axes.set_ylabel("[s]")
-    draw_grid(axes)
-    axes.legend(frameon=False)
-    saved(figure, "following")
     return "\n".join(lines)
 
 
 # ------------------------------------------------------------------------------- the page
 
 
-def saved(figure: object, name: str) -> None:
-    """Write a figure of the docs."""
-    file = DOCS / f"{name}.svg"
-    figure.savefig(file, metadata={"Date": None})  # type: ignore[attr-defined]
-    print(f"written: {file}")
-
-
 def entered(name: str, text: str) -> None:
     """Write a table to the page."""
-    page = DOCS / "published.md"
+    page = DOCS / "measurements.md"
     begin, end = f"<!-- table: {name} -->\n", "\n<!-- end of table -->"
     body, places = re.subn(
         f"{re.escape(begin)}.*?{re.escape(end)}",
@@ -253,10 +177,6 @@ def entered(name: str, text: str) -> None:
 
 
 def main() -> None:
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    mpl.rcParams["svg.hashsalt"] = "pilotid"  # the same bytes each time
     made = {"preview": preview, "following": following}
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("name", nargs="?", choices=list(made))
@@ -265,8 +185,7 @@ def main() -> None:
         raise SystemExit("PILOTID_MEASURED names no folder of recordings")
     only = parser.parse_args().name
     for name in [only] if only else made:
-        with journal_style():
-            text = made[name](Path(folder) / name)
+        text = made[name](Path(folder) / name)
         print(f"{text}\n")
         entered(name, text)
 

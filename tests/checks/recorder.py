@@ -196,42 +196,6 @@ def together(*faults: Fault) -> Fault:
     return fault
 
 
-def passed_high(hertz: float, *names: str) -> Fault:
-    def change(signal: FloatArray, recording: Recording) -> FloatArray:
-        sections = butter(2, hertz, "highpass", fs=1.0 / recording.dt, output="sos")
-        return np.asarray(sosfilt(sections, signal, axis=1))
-
-    return each(names, change)
-
-
-def slow_noise(share: float) -> Fault:
-    """Noise below half a hertz on x, of which the error is made."""
-
-    def fault(recording: Recording, rng: np.random.Generator) -> Recording:
-        sections = butter(1, 0.5, fs=1.0 / recording.dt, output="sos")
-        drawn = sosfilt(sections, rng.standard_normal(recording.x.shape), axis=1)
-        x = recording.x + share * np.std(recording.x) / np.std(drawn) * drawn
-        return replace(recording, x=x, e=target(recording) - x)
-
-    return fault
-
-
-def rate(signal: FloatArray, recording: Recording) -> FloatArray:
-    return np.gradient(signal, recording.dt, axis=1)
-
-
-def exchanged(one: str, other: str) -> Fault:
-    return lambda r, _: replace(r, **{one: getattr(r, other), other: getattr(r, one)})
-
-
-def made_of(name: str, make: Callable[[Recording], FloatArray]) -> Fault:
-    return lambda recording, _: replace(recording, **{name: make(recording)})
-
-
-def clipped(size: float, name: str) -> Fault:
-    return each((name,), lambda s, _: np.clip(s, -size * np.std(s), size * np.std(s)))
-
-
 def gap(seconds: float, how: str, *names: str) -> Fault:
     """A stretch of signals that is zero, the last value, or a straight line."""
 
@@ -266,63 +230,9 @@ def some(share: float, how: str, name: str) -> Fault:
     return fault
 
 
-def moved_up(count: int) -> Fault:
-    """Samples of u that are missing, those behind moved up."""
-
-    def fault(recording: Recording, rng: np.random.Generator) -> Recording:
-        gone = rng.choice(np.arange(50, recording.u.shape[1] - 50), count, replace=False)
-        kept = np.delete(recording.u, gone, axis=1)
-        return replace(recording, u=np.concatenate([kept] + [kept[:, -1:]] * count, axis=1))
-
-    return fault
-
-
-def hum(share: float, hertz: float) -> Fault:
-    def fault(recording: Recording, _: np.random.Generator) -> Recording:
-        wave = share * np.std(recording.u) * np.sin(2.0 * np.pi * hertz * recording.time)
-        return replace(recording, u=recording.u + wave)
-
-    return fault
-
-
-def off_later(factor: float, begin: float) -> Fault:
-    def change(signal: FloatArray, _: Recording) -> FloatArray:
-        at = np.arange(signal.shape[1]) >= begin * signal.shape[1]
-        return np.where(at, factor * signal, signal)
-
-    return each(("u",), change)
-
-
-def interval(factor: float) -> Fault:
-    return lambda recording, _: replace(recording, dt=factor * recording.dt)
-
-
 def named(fault: Fault) -> Fault:
     """The same where the element of `nominal` and `single` is named."""
     return lambda recording, rng: replace(fault(recording, rng), controlled_element="4/s^2")
-
-
-def _detrended(degree: int) -> Fault:
-    def change(signal: FloatArray, recording: Recording) -> FloatArray:
-        fits = np.polynomial.polynomial.polyfit(recording.time, signal.T, degree)
-        return signal - np.polynomial.polynomial.polyval(recording.time, fits)
-
-    return each(ALL, change)
-
-
-def _feedthrough(recording: Recording, _: np.random.Generator) -> Recording:
-    acceleration = rate(rate(recording.x, recording), recording)
-    return replace(recording, u=recording.u + 0.05 * acceleration)
-
-
-def _of_error(fault: Fault) -> Fault:
-    """A fault of e, of which x is made."""
-
-    def made(recording: Recording, rng: np.random.Generator) -> Recording:
-        found = fault(recording, rng)
-        return replace(found, x=target(recording) - found.e)
-
-    return made
 
 
 def _includes_fd(recording: Recording, _: np.random.Generator) -> Recording:
@@ -427,84 +337,13 @@ FAULTS: dict[str, Fault] = {
     "ft times 0.5": times(0.5, "ft"),
     "fd times 1.1": times(1.1, "fd"),
     "a run copied": _copied,
-    **{f"interval times {f:g}": interval(f) for f in (0.5, 0.8, 1.01, 2)},
-    "e, x, ft late 5 samples": samples_late(5, "e", "x", "ft"),
-    "x late 5 samples": samples_late(5, "x"),
-    "e, x held, every 5th": resampled(5, "held", "e", "x"),
-    "e, x held, every 10th": resampled(10, "held", "e", "x"),
-    "u held, every 10th": resampled(10, "held", "u"),
-    "u linear, every 10th": resampled(10, "linear", "u"),
-    "u causal 1 Hz": filtered(4, 1.0, "u", causal=True),
-    **{f"e, x, ft causal {h:g} Hz": filtered(4, h, "e", "x", "ft", causal=True) for h in (1, 2)},
-    "u mean of 3": averaged(3, "u", causal=True),
-    "u mean of 11": averaged(11, "u", causal=True),
-    **{f"all high-pass {h:g} Hz": passed_high(h, *ALL) for h in (0.05, 0.1, 0.3)},
-    **{f"u high-pass {h:g} Hz": passed_high(h, "u") for h in (0.1, 0.3)},
-    "all detrended, 4th order": _detrended(4),
-    "u differentiated": each(("u",), rate),
-    "u integrated": each(("u",), lambda s, r: np.cumsum(s, axis=1) * r.dt),
-    "x is its rate": each(("x",), rate),
-    "e is its rate": each(("e",), rate),
-    "all their rates": each(ALL, rate),
-    **{f"e {b} bits, x of it": _of_error(rounded(2.0 ** (1 - b), "e")) for b in (8, 6, 4, 3)},
-    **{f"all {b} bits or less": rounded(2.0 ** (1 - b), *ALL) for b in (5, 4, 3)},
-    "u 4 bits": rounded(2.0**-3, "u"),
-    "all as float16": each(ALL, lambda s, _: s.astype(np.float16).astype(float)),
-    "all hundredths": rounded(0.01, *ALL, of="unit"),
-    "all tenths": rounded(0.1, *ALL, of="unit"),
-    "u clipped at 2 rms": clipped(2.0, "u"),
-    "e clipped at 1.5 rms": clipped(1.5, "e"),
-    **{f"slow noise {s:g} on x": slow_noise(s) for s in (0.02, 0.05, 0.1, 0.2, 0.5)},
-    **{f"noise {s:g} on e alone": noisy(s, "e") for s in (0.1, 0.5)},
-    **{f"noise {s:g} on x": noisy(s, "x", made=True) for s in (0.1, 0.5)},
-    "u is x": made_of("u", lambda r: r.x),
-    "u is e": made_of("u", lambda r: r.e),
-    "u is 3 e": made_of("u", lambda r: 3.0 * r.e),
-    "u is fd": made_of("u", lambda r: r.fd),
-    "u is ft": made_of("u", target),
-    **{
-        f"{a} and {b} exchanged": exchanged(a, b)
-        for a, b in (("u", "fd"), ("e", "x"), ("e", "u"), ("x", "u"), ("e", "ft"), ("ft", "fd"))
-    },
-    "time reversed": each(ALL, lambda s, _: s[:, ::-1]),
-    "u of half size in the last half": off_later(0.5, 0.5),
-    "u off in the last third": off_later(0.0, 2.0 / 3.0),
     **{
         f"gap of {s:g} s, {how}": gap(s, how, "e", "u", "x")
         for s in (0.2, 1.0, 4.0)
         for how in ("zero", "last", "linear")
     },
     **{f"gap of u of {s:g} s": gap(s, "zero", "u") for s in (0.5, 2.0, 8.0)},
-    **{
-        f"{100 * s:g} % of {n} {how}": some(s, how, n)
-        for s in (0.001, 0.01, 0.05)
-        for n in ("u", "e")
-        for how in ("zero", "previous")
-    },
-    **{f"{100 * s:g} % of x previous": some(s, "previous", "x") for s in (0.002, 0.01, 0.05)},
-    **{f"{100 * s:g} % of rows previous": lost(s, *ALL) for s in (0.001, 0.01, 0.05)},
-    **{f"3 spikes of {s:g} on e": spiked(s, "e") for s in (5.0, 30.0)},
-    "3 spikes of 30 on u": spiked(30.0, "u"),
     **{f"{n} rows dropped": rows_dropped(n) for n in (20, 80)},
-    **{f"{n} samples of u lost": moved_up(n) for n in (1, 5, 20)},
-    "hum of .1 at 3 Hz on u": hum(0.1, 3.0),
-    "hum of .3 at 10 Hz on u": hum(0.3, 10.0),
-    "feedthrough of .05 of the acceleration": _feedthrough,
-    **{
-        f"{name}, element named": named(fault)
-        for name, fault in {
-            "u late a sample": samples_late(1, "u"),
-            "u late 2 samples": samples_late(2, "u"),
-            "e, x, ft late a sample": samples_late(1, "e", "x", "ft"),
-            "interval times 0.5": interval(0.5),
-            "interval times 2": interval(2.0),
-            "u times 1.2": times(1.2, "u"),
-            "e, x, ft causal 2 Hz": filtered(4, 2.0, "e", "x", "ft", causal=True),
-            "e, x, ft causal 5 Hz": filtered(4, 5.0, "e", "x", "ft", causal=True),
-            "u zero-phase 2 Hz": filtered(4, 2.0, "u"),
-            "u, fd in rad": together(times(np.pi / 180, "u"), times(np.pi / 180, "fd")),
-        }.items()
-    },
     "all zero-phase 3 Hz, 4 decimals": together(filtered(4, 3, *ALL), rounded(1e-4, *ALL)),
     "u zero-phase 3 Hz, 4 decimals": together(filtered(4, 3, "u"), rounded(1e-4, *ALL)),
     "u late 20 ms, noise 1e-3": together(late(0.02, "u"), noisy(1e-3, "x", made=True)),

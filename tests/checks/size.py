@@ -1,9 +1,10 @@
-"""Size: code lines (no blanks, comments, docstrings), modules, README's words."""
+"""Size: code lines (no blanks, comments, docstrings), modules, words of README and docs."""
 
 from __future__ import annotations
 
 import ast
 import io
+import json
 import tokenize
 from pathlib import Path
 
@@ -24,8 +25,22 @@ def code_lines(text: str) -> int:
 files = [f for top in ("src/pilotid", "methods", "datasets") for f in (ROOT / top).rglob("*.py")]
 sizes = {f.relative_to(ROOT).as_posix(): code_lines(f.read_text("utf-8")) for f in files}
 longest = max(sizes, key=sizes.__getitem__)
+
+
+def text_of(page: Path) -> str:
+    """A page as its author wrote it; of a notebook the cells, not what they printed."""
+    text = page.read_text("utf-8")
+    if page.suffix != ".ipynb":
+        return text
+    return "\n".join("".join(cell["source"]) for cell in json.loads(text)["cells"])
+
+
+MADE = {"_build", "generated"}
+pages = [p for p in (ROOT / "docs").rglob("*") if p.suffix in (".md", ".rst", ".ipynb")]
+pages = [p for p in pages if not MADE & set(p.parts)]
 words = len((ROOT / "README.md").read_text("utf-8").split())
 print(
     f"{sum(sizes.values())} code lines in {len(sizes)} modules, the longest {longest} with "
-    f"{sizes[longest]}; README: {words} words"
+    f"{sizes[longest]}; README: {words} words; docs: "
+    f"{sum(len(text_of(page).split()) for page in pages)} words in {len(pages)} pages"
 )

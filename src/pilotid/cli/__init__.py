@@ -1,11 +1,10 @@
 """The command line.
 
 Imports everything, heavy libraries where they are used.  Start at `main`: one function a
-command; `arguments` says what options mean.
+command; `options` says what options mean.
 """
 
 import os
-import signal
 from typing import NoReturn
 
 # Matrices here are small: threads of linear algebra only wait for one another, on a busy machine
@@ -17,23 +16,11 @@ os.environ["MPLBACKEND"] = "agg"
 
 
 def start() -> NoReturn:
-    """The program: Ctrl-C ends it in a sentence also while it imports, and at its end."""
-
-    def end(*_: object) -> None:
-        try:
-            os.write(2, b"pilotid: stopped\n")
-        finally:  # whether that can be said or not
-            os._exit(130)
-
-    heeded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    if heeded:
-        signal.signal(signal.SIGINT, end)
-    from pilotid.cli.main import main
-
-    if heeded:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    """The program; Ctrl-C ends it in a sentence also while it imports."""
     try:
+        from pilotid.cli.main import main
+
         main()
-    finally:
-        if heeded:
-            signal.signal(signal.SIGINT, end)
+    except KeyboardInterrupt:
+        os.write(2, b"pilotid: stopped\n")
+        raise SystemExit(130) from None

@@ -6,38 +6,53 @@ Heavy libraries are imported by the commands that need them: `pilotid list` is i
 from __future__ import annotations
 
 import inspect
-import os
+import json as json_text
 import sys
 import tempfile
+import time
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, NoReturn, TextIO
+from typing import Annotated, NoReturn
 
 import typer
 
 from pilotid.cli import options, studies
-from pilotid.cli.commands import analyse, check, design, posterior
-from pilotid.cli.running import STATUS, heeding_interruptions
 from pilotid.estimates.applicability import refusal
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled, split_list
-from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
+from pilotid.pilot.catalogue import AUTO, MODELS, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with, save_recording
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.windows import sidecar_path
-from pilotid.support.disk import require_free, strict_json, write_file
-from pilotid.support.numbers import DEFAULT_SEED, draw_rng, recording_rng
+from pilotid.recordings.windows import sidecar_path, stem_of
+from pilotid.support.disk import (
+    path_shown,
+    require_file,
+    require_folder,
+    require_free,
+    strict_json,
+    write_file,
+)
+from pilotid.support.format import Line, show
+from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
 from pilotid.support.remarks import OF_STICK, codes_in
 from pilotid.support.terminal import make_console, show_page, show_warning, with_bar
-from pilotid.support.types import InputError, one_line
+from pilotid.support.types import FloatArray, InputError, one_line
 
+#: What `list` shows first; all else is under "more".
+CORE = {
+    "models": ("single", "multi", "gain", "lead-lag"),
+    "methods": ("mle", "fourier", "arx", "sindy", "bayes"),
+    "scenarios": ("nominal", "single", "population-usual"),
+}
+STOPPED = 130  # the status that shells give to a program that Ctrl-C ended
+LARGEST_TRUTH = 2**22  # bytes of a file that names true parameters
 app = typer.Typer(
     help="Identify pilot models from tracking recordings with every standard method.",
     add_completion=False,
@@ -47,13 +62,12 @@ app = typer.Typer(
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line; bad input is one sentence on standard error and status 2."""
-    # Where output was closed, no file that is opened later may take its place.
-    sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
     for stream in (sys.stdout, sys.stderr):
         # A terminal that lacks a sign is no reason to stop.
         getattr(stream, "reconfigure", lambda **_: None)(errors="replace")
     given = list(sys.argv[1:] if arguments is None else arguments)
-    with heeding_interruptions(), warnings.catch_warnings():
+    options.TYPED[:] = "pilotid", *given
+    with warnings.catch_warnings():
         # A warning costs a line and nothing else: that of a plug-in that is left out, too.
         warnings.simplefilter("always", PluginWarning)
         warnings.showwarning = show_warning
@@ -61,30 +75,26 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
             status = app(given or ["--help"], prog_name="pilotid", standalone_mode=False)
             sys.stdout.flush()
         except InputError as error:
-            _refuse(str(error))
+            _end(str(error))
         except OSError as error:  # of files it is a sentence already
-            sys.stdout = _nowhere()  # what is left cannot be written either
-            _refuse(f"the output cannot be written ({error.strerror or error}); make room for it")
+            sys.stdout = None  # what is left cannot be written either
+            _end(f"the output cannot be written ({error.strerror or error}); make room for it")
         except MemoryError as error:
-            _refuse(f"out of memory {error}".rstrip() + "; cut the recording, or do less at once")
+            _end(f"out of memory {error}".rstrip() + "; cut the recording, or do less at once")
         except typer.TyperException as error:  # a wrong option or value
             context = getattr(error, "ctx", None)
             command = context.command_path if context else "pilotid"
-            _refuse(f"{error.format_message().rstrip('.')}; see {command} --help")
-        if status == STATUS:  # that is what typer makes of Ctrl-C
-            raise KeyboardInterrupt
+            _end(f"{error.format_message().rstrip('.')}; see {command} --help")
+    if status == STOPPED:
+        _end("stopped; the results folder keeps what is done: run the same command again", STOPPED)
     raise SystemExit(status or 0)
 
 
-def _nowhere() -> TextIO:
-    return Path(os.devnull).open("w")
-
-
-def _refuse(sentence: str) -> NoReturn:
+def _end(sentence: str, status: int = 2) -> NoReturn:
     with suppress(OSError):
         sys.stderr.write(f"pilotid: {' '.join(sentence.split())}\n")
         sys.stderr.flush()
-    raise SystemExit(2) from None
+    raise SystemExit(status) from None
 
 
 def _version(asked: bool) -> None:
@@ -106,20 +116,20 @@ def program(
 
 @app.command("list")
 def list_names() -> None:
-    """List models, methods and scenarios."""
+    """List models, methods and scenarios, the usual ones first."""
     from pilotid.datasets import CATALOGUE
     from pilotid.methods import methods
 
-    console = make_console()
     summaries = {
         "models": {m.name: f"{m.description}: {', '.join(m.keys)}" for m in MODELS.values()},
         "methods": {name: _first_line(m) for name, m in methods().items()},
         "scenarios": {s.name: s.description for s in CATALOGUE.values()},
     }
-    for title, entries in summaries.items():
-        console.print(title, style="bold")
-        for name, text in entries.items():
-            console.print(f"  {name:<20} {text}", soft_wrap=True)
+    core = {title: {name: summaries[title].pop(name) for name in CORE[title]} for title in CORE}
+    more = {f"more {title}": entries for title, entries in summaries.items()}
+    for title, entries in (core | more).items():
+        lines = (f"  {name:<20} {text}" for name, text in entries.items())
+        show(make_console(), Line(title, "heading"), *lines)
 
 
 def _first_line(method: Method) -> str:
@@ -151,16 +161,12 @@ def simulate(
     again = truth_file.exists()  # it was simulated
     require_free(written, read_with([like] if like else []), force=force or again)
     named = scenario_named(scenario or "") if like is None else studies.scenario_like(like, seed)
-    chosen = named.drawn(draw_rng(seed, named.name))
-    chosen = replace(chosen, runs=runs or chosen.runs)
-    recording = simulated(chosen, recording_rng(seed, chosen.name))
-    save_recording(recording, out)
-    text = strict_json({"seed": seed, **truth(chosen)})
-    write_file(truth_file, text.encode())
-    console = make_console()
-    words = f"{out}: a recording of scenario {chosen.name} (model {chosen.model.name})"
-    console.print(words, soft_wrap=True)
-    console.print(f"{truth_file}: its truth, which no method reads", soft_wrap=True)
+    drawn = named.drawn(draw_rng(seed, named.name))
+    drawn = replace(drawn, runs=runs or drawn.runs)
+    save_recording(simulated(drawn, recording_rng(seed, drawn.name)), out)
+    write_file(truth_file, strict_json({"seed": seed, **truth(drawn)}).encode())
+    what = f"a recording of scenario {drawn.name} (model {drawn.model.name})"
+    show(make_console(), f"{out}: {what}", f"{truth_file}: its truth, which no method reads")
 
 
 def fit(
@@ -183,57 +189,62 @@ def fit(
 ) -> None:
     """Identify a pilot model from recordings."""
     plant, ignored = element_named(element) if element else None, codes_in(ignore or ())
-    names = [] if model == AUTO else split_list(model, names=True) or [model]
-    named = with_held([model_named(name) for name in dict.fromkeys(names)], fix) if names else []
-    named = [options.with_start(own, start) for own in named]
-    if truth is not None and len(named) > 1:
+    models, methods = options.models_of(model, fix, start), options.methods_of(method, ["mle"])
+    if truth is not None and len(models) > 1:
         raise InputError("--truth: is of one model; name one with --model")
-    true = options.read_truth(truth, named[0]) if truth is not None and named else None
-    methods = options.methods_of(method, ["mle"])
     options.require_free(files, json, report, force=force)
     recordings, refused = reading.all(files, joint=joint)
-    todo = with_bar(recordings, "fitting", len(recordings))
-    fits = []
-    for own in todo:
-        refused += (why := [text for m in named if (text := refusal(own, m))])
-        able = [m for m in named if not refusal(own, m)]
-        if able or not why:
-            fits += _fitted(own, able, fix, start, methods, seed, plant)
+    fits: list[Fitted] = []
+    for recording in with_bar(recordings, "fitting", len(recordings)):
+        why = {m.name: text for m in models if (text := refusal(recording, m))}
+        refused += why.values()
+        able = [m for m in models if m.name not in why]
+        if able or not models:
+            fits += _fitted(recording, able, fix, start, methods, seed, plant)
     if not fits:
         options.raise_refused(refused)
-    fits = [own.without(ignored) for own in fits] if ignored else fits
-    if truth is not None and not named:
-        true = options.read_truth(truth, fits[0].model)
+    fits = [fitted.without(ignored) for fitted in fits] if ignored else fits
+    true = None if truth is None else _read_truth(truth, fits[0].model)
     from pilotid.report.fit import html_report, print_fit
 
-    entries = [f.to_dict() for f in fits]
+    entries = [fitted.to_dict() for fitted in fits]
     if json:
         from pilotid.datasets.named import fitted_scenario, model_place
 
-        for entry, found in zip(entries, fits, strict=True):
-            if scenario := fitted_scenario(found, model_place(model)):
+        for entry, fitted in zip(entries, fits, strict=True):
+            if scenario := fitted_scenario(fitted, model_place(model)):
                 entry["scenario"] = scenario
-    printed = options.write_json(json, entries[0] if len(entries) == 1 else entries)
+    printed = options.write_json(json, entries)
     if plot and report is None:
         report = Path(tempfile.mkdtemp(prefix="pilotid-")) / "report.html"
     if report is not None:
         from pilotid.methods.fourier import first_step_of
 
-        page = html_report(
-            fits, true, points=[first_step_of(fit.recording, fit.model) for fit in fits]
-        )
+        points = [first_step_of(fitted.recording, fitted.model) for fitted in fits]
+        page = html_report(fits, true, points=points)
         write_file(report, page.encode("utf-8", "replace"))
-    if not printed:
-        console = make_console()
-        said: set[str] = set()
-        for number, fitted in enumerate(fits):
-            if number:
-                console.print()
-            print_fit(fitted, console, said)
-            said |= {remark.code for remark in fitted.graded} & set(OF_STICK)
+    said: set[str] = set()
+    console = make_console()
+    for number, fitted in enumerate([] if printed else fits):
+        show(console, *[""] * (number > 0))
+        print_fit(fitted, console, said)
+        said |= {remark.code for remark in fitted.graded} & set(OF_STICK)
     if plot and report is not None:
         show_page(report, make_console(errors=printed))
     options.raise_refused(refused)
+
+
+def _read_truth(path: Path, model: PilotModel) -> FloatArray:
+    """True parameters in model order from the file that `pilotid simulate` writes."""
+    require_file(path, LARGEST_TRUTH)
+    try:
+        held = json_text.loads(path.read_text(encoding="utf-8"))["parameters"]
+        return model.vector({key: float(entry["value"]) for key, entry in held.items()})
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(
+            f"{path}: is no truth of a recording of model {model.name} ({error}); name the "
+            "F.truth.json that `pilotid simulate` wrote"
+        ) from None
 
 
 def _fitted(
@@ -263,8 +274,133 @@ def _fitted(
     return [replace(first, choice=found.reason, compared=compared), *rest]
 
 
+def check(
+    files: list[Path],
+    *,
+    model: str = "single,multi",
+    reading: Reading,
+    joint: bool = False,
+    element: str | None = None,
+    brief: bool = False,
+    ignore: list[str] | None = None,
+    json: str | None = None,
+    force: bool = False,
+) -> None:
+    """Summarise recordings and report problems."""
+    from pilotid.report.check import check_all, summary_of
+
+    plant = element_named(element) if element else None
+    ignored = codes_in(ignore or ())
+    models = [model_named(name) for name in split_list(model)]
+    options.require_free(files, json, force=force)
+    recordings, refused = reading.all(files, joint=joint)
+    every = check_all(recordings, models, plant, ignored)
+    summary = [summary_of(every)] if len(every) > 1 else []
+    if brief and json is None:
+        show(make_console(), *(checked.brief for checked in every), *summary)
+    elif not options.write_json(json, [checked.to_dict() for checked in every]):
+        for number, checked in enumerate(every):
+            show(make_console(), *[""] * (number > 0), *checked.blocks())
+        show(make_console(), *[""] * bool(summary), *summary)
+    options.raise_refused(refused)
+
+
+#: What is written into a folder, beside figures.
+FILES = ("report.html", "draws.npy", "summary.csv", "estimate.json")
+
+
+def posterior(
+    files: list[Path],
+    *,
+    model: str = AUTO,
+    reading: Reading,
+    joint: bool = False,
+    element: str | None = None,
+    seed: int = DEFAULT_SEED,
+    out: Path | None = None,
+    force: bool = False,
+) -> None:
+    """Sample the posterior of a pilot model's parameters with emcee."""
+    from pilotid.model_choice import select
+
+    plant = element_named(element) if element else None
+    named = None if model == AUTO else model_named(model)
+    folders: dict[str, Path] = {}
+    if out is not None and len(files) > 1 and not joint:
+        folders = {path_shown(file): out / stem_of(file) for file in files}
+        if len({*folders.values()}) < len(files):
+            raise InputError("two files have one name; choose another --out for one of them")
+    for folder in folders.values() or ([out] if out else []):
+        require_folder(folder, FILES, read_with(files), force=force)
+    recordings, refused = reading.all(files, joint=joint)
+    for number, recording in enumerate(recordings):
+        selection = None if named else select(recording, seed=seed)
+        words = selection.reason if selection else ""
+        show(make_console(), *[""] * (number > 0), *[words] * bool(words))
+        chosen = selection.model if selection else named
+        assert chosen is not None
+        place = folders.get(recording.source, out)
+        infer(recording, chosen, element=plant, seed=seed, folder=place)
+    options.raise_refused(refused)
+
+
+def infer(
+    recording: Recording,
+    model: PilotModel,
+    *,
+    element: ControlledElement | None,
+    seed: int,
+    folder: Path | None,
+) -> None:
+    """Sample a posterior with emcee, write draws, summary and figures, and print what it says."""
+    from pilotid.element.fit import chosen_element
+    from pilotid.estimates.applicability import made_for, motionless_input
+    from pilotid.estimates.estimate import Outcome, failed
+    from pilotid.estimates.fitted import Fitted
+    from pilotid.estimates.method import import_libraries
+    from pilotid.estimates.warnings import all_remarks
+    from pilotid.methods.bayes import Bayes
+    from pilotid.posterior.predictive import (
+        derived,
+        loop_notes,
+        predictive_band,
+        sampled_parameters,
+    )
+    from pilotid.recordings.checks import remarks
+    from pilotid.report.posterior import print_posterior, write_posterior
+    from pilotid.support.terminal import share_bar
+
+    method = Bayes(effective=2000.0)
+    rng = fit_rng(seed, method.name)
+    told = remarks(recording)
+    choice = chosen_element(recording, element)
+    model = made_for(choice.named_in(recording), model)
+    if objection := motionless_input(recording, model):
+        nothing = failed(method.name, model, Outcome.NOT_APPLICABLE, objection)
+        print_posterior(Fitted(recording, model, (nothing,), told))
+        return
+    import_libraries(method)
+    begin = time.perf_counter()
+    with share_bar("sampling") as watch:
+        estimate, likelihood = method.infer(choice.named_in(recording), model, rng, watch)
+    estimate = replace(estimate, seconds=time.perf_counter() - begin)
+    estimate = replace(estimate, remarks=all_remarks(estimate, recording))
+    fit, draws, plant = Fitted(recording, model, (estimate,), told), estimate.draws, choice.element
+    if draws is None:
+        print_posterior(fit)
+        return
+    quantities = sampled_parameters(draws, model) + derived(draws, model, recording, plant)
+    predictive = predictive_band(draws, likelihood, rng)
+    notes = [choice.words, *(loop_notes(draws, model, plant) if plant is not None else [])]
+    fit = replace(fit, remarks=(*fit.remarks, *choice.remarks))
+    if folder is not None:
+        written = write_posterior(folder, fit, quantities, predictive, plant, notes)
+        notes += [str(path) for path in written]
+    print_posterior(fit, quantities, predictive, notes)
+
+
 for command in (
-    *(simulate, fit, check, posterior, analyse, design, studies.compare, studies.trust),
-    *(studies.report, studies.compare_studies, studies.fetch_data),
+    *(simulate, fit, check, posterior, studies.analyse, studies.design, studies.compare),
+    *(studies.trust, studies.export, studies.report, studies.compare_studies, studies.fetch_data),
 ):
     app.command()(options.as_command(command))

@@ -1,32 +1,28 @@
-"""Options that several commands have, and what they mean."""
+"""Options that commands have, what they mean, and what several commands do with them."""
 
 from __future__ import annotations
 
-import json
-import shlex
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from pilotid.cli.running import StoppedError
 from pilotid.estimates.method import Method
 from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.settings import split_list
-from pilotid.pilot.catalogue import AUTO, model_named
+from pilotid.pilot.catalogue import AUTO, model_named, with_held
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.recording import Recording
 from pilotid.support import disk
-from pilotid.support.disk import require_file, strict_json, write_file
+from pilotid.support.disk import strict_json, write_file
 from pilotid.support.numbers import ARGUMENTS, ranged
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.types import InputError
 
 #: Metavar and help of arguments and options by name, or by command and name where a command means
 #: something of its own.
@@ -37,69 +33,33 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "first": ("A", "A study that `compare` wrote."),
     "second": ("B", "Another of the same scenarios."),
     # Recordings and how they are read.
-    "mapping": (
-        "u=-stick,fd=3.5*d",
-        "The file's names for t, e, u, x, ft, fd, or for extra signals by names of your own; a "
-        "sign or a factor before one is applied.",
-    ),
+    "mapping": ("u=-stick,fd=3.5*d", "The file's names for t, e, u, x, ft, fd and extra signals."),
     "dt": ("0.01", "Sampling interval in seconds, of files without times."),
     "joint": ("", "Take all files as runs of one recording."),
     "detrend": ("", "Take a straight line out of u, run by run, and say so."),
-    "lead_in": (
-        "S",
-        "Seconds that are not scored before the first sample that is; a run-in counts.",
-    ),
+    "lead_in": ("S", "Seconds before the first scored sample; a run-in counts."),
     "runs": ("2-5", "The runs to use, as in 2-5 or 1,3."),
     "span": ("0:41", "The seconds of the window to use, START:END."),
-    "element": (
-        "15/s^2",
-        "Controlled element, for the loops' margins; else the file's, or what u and x show.",
-    ),
+    "element": ("15/s^2", "Controlled element; else the file's, or what u and x show."),
     "check element": ("4/s^2", "Controlled element, to compare with what is seen."),
     # Models, methods and scenarios.
-    "model": (
-        "NAME|auto",
-        "Pilot model: single, multi (needs motion of the pilot), file.py:NAME for one of your "
-        "own; auto takes the catalogue's best.",
-    ),
-    "analyse model": (
-        "NAME|auto",
-        "Pilot model; repeat or use commas; auto takes the catalogue's best.",
-    ),
+    "model": ("NAME|auto", "Pilot model: single, multi, file.py:NAME; auto takes the best."),
     "check model": ("NAME,...", "Models of which is told what methods can do."),
-    "trust model": ("NAME|auto", "Pilot model; auto takes the best."),
-    "method": (
-        "NAME",
-        "Method: arx, 'arx(memory=none)', file.py:CLASS; repeat, use commas, or say all.",
-    ),
-    "compare method": (
-        "[LABEL=]NAME",
-        "Method: arx, 'arx(memory=none)', file.py:CLASS, or LABEL=NAME to label one; repeat, use "
-        "commas, or say all.",
-    ),
-    "scenario": (
-        "NAME",
-        "Scenario: nominal, 'nominal(runs=3)', file.py:NAME; repeat, use commas, or say all.",
-    ),
+    "method": ("NAME", "Method: 'arx(memory=none)', file.py:CLASS; repeat, use commas, or all."),
+    "compare method": ("[LABEL=]NAME", "Method, as for fit; LABEL=NAME gives it a label."),
+    "scenario": ("NAME", "'nominal(runs=3)', file.py:NAME; repeat, use commas, or say all."),
     "simulate scenario": ("SCENARIO", "See `pilotid list`."),
-    "design scenario": (
-        "[SCENARIO]",
-        "Pilot, loop, remnant and reference forcing; default: the recordings' of --from, else "
-        "nominal.",
-    ),
-    "like": (
-        "FILE",
-        "The scenario of a recording as mle fits it, or of the trust.json of `trust`.",
-    ),
+    "export scenario": ("SCENARIO", "See `pilotid list`; several with commas."),
+    "export out": ("DIR", "Folder of the recordings."),
+    "design scenario": ("[SCENARIO]", "Pilot, loop, remnant and reference forcing; else nominal."),
+    "like": ("FILE", "The scenario of a recording as mle fits it, or of a trust.json."),
     "fix": ("fnm=12,dnm=.1..0.5", "Parameters held at a value, or searched between others."),
     "start": ("Kvis=0.2,tlead=1.5", "Initial guesses."),
     # Work and results.
     "seed": ("", "Seed of all random numbers."),
     "workers": ("", "Processes; default: one for each processor."),
     "out": ("DIR", "Results folder; what is done there is kept."),
-    "simulate out": ("F.csv", "Recording to write, .csv or .mat."),
-    "design out": ("DIR", "Folder of the design."),
-    "posterior out": ("DIR", "Folder for draws, summary and figures."),
+    "simulate out": ("F.csv", "Recording to write, .csv, .mat or .npz."),
     "report out": ("DIR", "Another folder for the report, if DIR is read-only."),
     "force": ("", "Write over files that are there already."),
     "ignore": ("CODE", "Code of a warning that is left out; repeat, or use commas."),
@@ -110,11 +70,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "simulate runs": ("", "Runs, each with its own remnant."),
     "brief": ("", "One line a file, and a summary of many."),
     # Studies.
-    "profile": (
-        "quick|full",
-        "quick: some recordings of the nominal scenario and of any pilot; full: 500 of every "
-        "scenario and population.",
-    ),
+    "profile": ("quick|full", "full: 500 recordings of every scenario and population."),
     "replications": ("", "Recordings of each scenario."),
     "trust replications": ("", "Simulations of the recording."),
     "scheduler": ("ADDRESS", "Use the workers of this Dask scheduler instead."),
@@ -122,24 +78,19 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "retry_failed": ("", "Fit again what crashed, died, or ran out of memory or time."),
     "name": ("NAME", "Which; none lists what there is."),
     "source": ("FOLDER", "Take the files from here: no download."),
+    "kind": ("", "Format of the recordings."),
+    "imported": ("F.csv", "Estimates by other programs, in the folder of their `export`."),
     "people": ("NAME", "Published recordings of people instead; see fetch-data."),
     # Experiments.
-    "pattern": (
-        "'subj{subject}_{condition}'",
-        "What the files' names say; files that differ in {run} alone are runs of one recording.",
-    ),
-    "contrast": (
-        "A:B",
-        "Conditions to compare, B less A, else all that differ in one factor; or parameters of one "
-        "fit, such as tlead1:tlead2; repeat.",
-    ),
+    "pattern": ("'subj{subject}_{condition}'", "What the files' names say; {run} tells runs."),
+    "contrast": ("A:B", "Conditions, or parameters of a fit, to compare, B less A; repeat."),
     "keep_all": ("", "Count estimates that are not determined, or wrong, as well."),
     "sensitivity": ("", "Also fit another band, remnant and lead-in, and each half: a table."),
     "per_run": ("", "Also fit each run separately."),
     "left_out": ("", "Leave-one-run-out cross-validation."),
     "exclude": ("subject=6,condition=C4", "Recordings to leave out; repeat."),
     "factors": (
-        "'motion=C1,C2:off;C3,C4:on;...'|F.csv|FIELDS",
+        "'motion=C1,C2:off;C3,C4:on;...'|FIELDS",
         "Factors that conditions are combinations of, or fields of the pattern that are factors.",
     ),
     # Designs.
@@ -149,20 +100,63 @@ MEANINGS: dict[str, tuple[str, str]] = {
 }
 ONLY = Parameter.KEYWORD_ONLY
 #: Options that are not called like their parameters, which are reserved words or other things.
-SPELLED = {"mapping": "--map", "estimates": "--from", "source": "--from"}
+SPELLED = {
+    **{"mapping": "--map", "estimates": "--from", "source": "--from"},
+    **{"imported": "--estimates", "kind": "--format"},
+}
 
-LARGEST_TRUTH = 2**22  # bytes of a file that names true parameters
+
+def spelled(name: str) -> str:
+    """How an option is typed."""
+    return SPELLED.get(name, f"--{name.replace('_', '-')}")
+
+
+def as_command(function: Callable[..., None]) -> Callable[..., None]:
+    """A function for typer: what is keyword-only is an option, all else an argument.
+
+    The fields of a `Reading` are options of their own.
+    """
+
+    def described(name: str, kind: Any, usual: Any, how: Any = ONLY) -> Parameter:
+        metavar, text = MEANINGS.get(f"{function.__name__} {name}") or MEANINGS[name]
+        about: dict[str, Any] = {"metavar": metavar or None, "help": text}
+        if (known := ARGUMENTS.get(name)) is not None and known.whole and kind is not str:
+            about["min"] = int(known.low)
+        info = typer.Option(spelled(name), **about)
+        if how is not ONLY:
+            info = typer.Argument(readable=name != "files", **about)
+        return Parameter(name, how, default=usual, annotation=Annotated[kind, info])
+
+    parameters = signature(function, eval_str=True).parameters
+
+    @wraps(function)
+    def run(**given: Any) -> None:
+        if "reading" in parameters:
+            own = {field.name: given.pop(field.name) for field in fields(Reading)}
+            given["reading"] = Reading(**{**own, "mapping": tuple(own["mapping"] or ())})
+        function(**given)
+
+    every = [
+        described(p.name, p.annotation, p.default, p.kind)
+        for p in parameters.values()
+        if p.annotation is not Reading
+    ]
+    if "reading" in parameters:
+        usual, hints = {**vars(Reading()), "mapping": None}, get_type_hints(Reading)
+        hints["mapping"] = list[str] | None
+        every += [described(name, hints[name], value) for name, value in usual.items()]
+    run.__signature__ = Signature(every)  # type: ignore[attr-defined]
+    return ranged(run, spelled)
+
+
+#: The command line, for reports that name it.
+TYPED: list[str] = []
 
 
 def names_of(given: Sequence[str] | None, default: Sequence[str], all_: Sequence[str]) -> list[str]:
-    """The names in options that may be repeated, hold several with commas, or say ``all``.
-
-    Commas within parentheses belong to the settings of a name.
-    """
-    names = [name for text in given or () for name in split_list(text, names=True)]
-    if "all" in names:
-        return list(all_)
-    return list(dict.fromkeys(names or default))
+    """The names in options that may be repeated, hold several with commas, or say ``all``."""
+    names = [name for text in given or () for name in split_list(text)]
+    return list(all_) if "all" in names else list(dict.fromkeys(names or default))
 
 
 def methods_of(given: Sequence[str] | None, default: Sequence[str]) -> dict[str, Method]:
@@ -173,42 +167,33 @@ def methods_of(given: Sequence[str] | None, default: Sequence[str]) -> dict[str,
 
 def numbers_in(option: str, text: str) -> dict[str, float]:
     """Numbers by key in a text such as ``tlead=2,Kvest=3%``; a % divides by 100."""
-    found = {}
-    for pair in text.split(","):
-        key, _, value = (part.strip() for part in pair.partition("="))
-        try:
-            found[key] = float(value.removesuffix("%")) / (100.0 if value.endswith("%") else 1.0)
-        except ValueError:
-            raise InputError(
-                f"{option} {text}: '{pair}' is not PARAMETER=NUMBER; write for example tlead=1.5"
-            ) from None
-    return found
+    try:
+        pairs = [pair.split("=") for pair in text.split(",")]
+        return {
+            key.strip(): float(value.strip().removesuffix("%")) / (100.0 if "%" in value else 1.0)
+            for key, value in pairs
+        }
+    except ValueError:
+        raise InputError(f"{option} {text}: is not PARAMETER=NUMBER,..., as in tlead=1.5") from None
+
+
+def models_of(text: str, fix: str | None, start: str | None) -> list[PilotModel]:
+    """The models that an option names, with parameters held and initial guesses; none for auto."""
+    names = [] if text == AUTO else split_list(text) or [text]
+    models = [model_named(name) for name in dict.fromkeys(names)]
+    return [with_start(model, start) for model in with_held(models, fix)] if models else []
 
 
 def with_start(model: PilotModel, text: str | None) -> PilotModel:
     """A model with the initial guesses of a text such as ``Kvis=0.2,tlead=1.5``."""
-    values = {} if text is None else numbers_in("--start", text)
-    try:
-        return model.with_start(values)
-    except InputError:
-        raise
-    except ValueError as error:
-        raise InputError(f"--start {text}: {error}") from None
+    return model.with_start(numbers_in("--start", text)) if text else model
 
 
-def read_truth(path: Path, model: PilotModel) -> FloatArray:
-    """True parameters in model order from the file that `pilotid simulate` writes."""
-    require_file(path, LARGEST_TRUTH)
-    try:
-        held = json.loads(path.read_text(encoding="utf-8"))["parameters"]
-        return model.vector({key: float(entry["value"]) for key, entry in held.items()})
-    except InputError as error:
-        raise InputError(f"{path}: {error}; give the truth of a recording of that model") from None
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        raise InputError(
-            f"{path}: cannot be read as the truth of a simulation; name the F.truth.json that "
-            "`pilotid simulate` wrote"
-        ) from None
+def selected_model(recording: Recording, name: str, seed: int) -> PilotModel:
+    """The model of that name, or the one best supported by the recording."""
+    from pilotid.model_choice import select
+
+    return select(recording, seed=seed).model if name == AUTO else model_named(name)
 
 
 def require_free(inputs: Sequence[Path], *targets: str | Path | None, force: bool) -> None:
@@ -223,89 +208,11 @@ def raise_refused(refused: Sequence[str]) -> None:
         raise InputError("; ".join(refused))
 
 
-def selected_model(recording: Recording, name: str, seed: int) -> PilotModel:
-    """The model of that name, or the one best supported by the recording."""
-    from pilotid.model_choice import select
-
-    return select(recording, seed=seed).model if name == AUTO else model_named(name)
-
-
-def write_json(target: str | None, value: object) -> bool:
-    """Write an object to the file that --json names, or print it; whether it was printed."""
+def write_json(target: str | None, entries: Sequence[object]) -> bool:
+    """Write the one object, or all, to the file that --json names; whether they were printed."""
+    text = strict_json(entries[0] if len(entries) == 1 else entries)
     if target == "-":
-        sys.stdout.write(strict_json(value))
+        sys.stdout.write(text)
     elif target is not None:
-        write_file(Path(target), strict_json(value).encode())
+        write_file(Path(target), text.encode())
     return target == "-"
-
-
-@contextmanager
-def resumable(place: Path) -> Iterator[None]:
-    """Work that Ctrl-C stops and the same command resumes."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        raise StoppedError(
-            f"stopped; {place} keeps what is done: run the same command again to resume"
-        ) from None
-
-
-def spelled(name: str) -> str:
-    """How an option is typed."""
-    return SPELLED.get(name, f"--{name.replace('_', '-')}")
-
-
-def parameters_of(function: Callable[..., None]) -> list[Parameter]:
-    """What users give a command: in place of a `Reading` the fields that it has."""
-    found: list[Parameter] = []
-    for parameter in signature(function, eval_str=True).parameters.values():
-        if parameter.annotation is not Reading:
-            found.append(parameter)
-            continue
-        hints = {**get_type_hints(Reading), "mapping": list[str] | None}
-        for name, usual in vars(Reading()).items():
-            default = None if name == "mapping" else usual
-            found.append(Parameter(name, ONLY, default=default, annotation=hints[name]))
-    return found
-
-
-def as_command(function: Callable[..., None]) -> Callable[..., None]:
-    """A function for typer: what is keyword-only is an option, all else an argument."""
-
-    def described(parameter: Parameter) -> Parameter:
-        name, kind = parameter.name, parameter.annotation
-        metavar, text = MEANINGS.get(f"{function.__name__} {name}") or MEANINGS[name]
-        known = ARGUMENTS.get(name)
-        about: dict[str, Any] = {"metavar": metavar or None, "help": text}
-        if known is not None and known.whole and int in (kind, *get_args(kind)):
-            about["min"] = int(known.low)
-        info = typer.Option(spelled(name), **about)
-        if parameter.kind is not ONLY:
-            info = typer.Argument(readable=name != "files", **about)
-        return parameter.replace(annotation=Annotated[kind, info])
-
-    @wraps(function)
-    def run(**given: Any) -> None:
-        if "reading" in signature(function).parameters:
-            own = {field.name: given.pop(field.name) for field in fields(Reading)}
-            given["reading"] = Reading(**{**own, "mapping": tuple(own["mapping"] or ())})
-        function(**given)
-
-    described_ones = [described(parameter) for parameter in parameters_of(function)]
-    run.__signature__ = Signature(described_ones)  # type: ignore[attr-defined]
-    return ranged(run, spelled)
-
-
-def typed_command(command: Callable[..., None], given: Mapping[str, object]) -> str:
-    """The command that does the same again: its arguments, and the options that differ."""
-    first, rest = [], []
-    given = {**given, **(vars(given["reading"]) if "reading" in given else {})}
-    for parameter in sorted(parameters_of(command), key=lambda each: each.name == "out"):
-        value = given[parameter.name]
-        values = [str(v) for v in value] if isinstance(value, list | tuple) else [str(value)]
-        if parameter.kind is not ONLY:
-            first += [] if value is None else values
-        elif value is not None and value != parameter.default:
-            option = spelled(parameter.name)
-            rest += [w for v in values for w in (option, *([] if value is True else [v]))]
-    return shlex.join(["pilotid", command.__name__, *first, *rest])

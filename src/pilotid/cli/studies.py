@@ -1,30 +1,34 @@
-"""The commands on studies: `compare`, `trust`, `report`, `compare-studies` and `fetch-data`."""
+"""The commands on studies, on experiments and on designs of forcing functions."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
 from pilotid.cli import options
 from pilotid.datasets.people import PEOPLE, fetch, recordings_in
+from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import AUTO
 from pilotid.pilot.element import element_named
 from pilotid.recordings.files import Reading, load_recording, read_with
 from pilotid.support import disk
 from pilotid.support.format import Line, show, table
 from pilotid.support.numbers import DEFAULT_SEED
-from pilotid.support.terminal import make_console, show_page
+from pilotid.support.terminal import make_console, show_page, with_bar
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
     from pilotid.datasets import Scenario
-    from pilotid.study.table import Store
+    from pilotid.study.table import Fit, Store
 
+Format = Literal["csv", "mat", "npz"]
+#: Methods that are compared on people where none is named.
+USUAL = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")
 #: What reports of studies are written as.
 TABLES = (
     *("report.html", "report.md"),
@@ -45,15 +49,16 @@ def compare(
     time_limit: float = 600.0,
     retry_failed: bool = False,
     people: str | None = None,
+    imported: Path | None = None,
     plot: bool = False,
     force: bool = False,
     out: Path = Path("results/compare"),
 ) -> None:
     """Compare methods on simulated recordings whose truth is known."""
-    from pilotid.cli.running import with_progress
     from pilotid.datasets import CATALOGUE
     from pilotid.methods import methods
-    from pilotid.study.study import PROFILES, UNANSWERED, Study, counts_of
+    from pilotid.study.exchange import enter_estimates, read_estimates, read_manifest
+    from pilotid.study.study import PROFILES, UNANSWERED, Study
     from pilotid.study.table import Store
 
     if people is not None:
@@ -62,32 +67,70 @@ def compare(
                 "--people takes recordings in place of simulations: leave --scenario, --like, "
                 "--replications and --scheduler out"
             )
-        compare_people(people, method, seed=seed, workers=workers, force=force, out=out)
+        folder, known = fetch(people), PEOPLE[people]
+        analyse(
+            recordings_in(folder, people),
+            out=out,
+            pattern=known["pattern"],
+            model=[known["model"]],
+            method=method or [*USUAL],
+            left_out=True,
+            reading=Reading(
+                (known["map"],) if known["map"] else (), float(known["dt"]) if known["dt"] else None
+            ),
+            seed=seed,
+            workers=workers,
+            force=force,
+        )
         return
     if profile not in PROFILES:
         raise InputError(f"unknown profile '{profile}': choose from {', '.join(PROFILES)}")
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler exclude each other; leave one out")
     default, count = PROFILES[profile]
+    manifest = None if imported is None else read_manifest(imported)
+    if manifest is not None:
+        default, count = manifest.scenarios, manifest.replications
     like_it = [] if like is None else [scenario_like(like, seed)]
     names = options.names_of(scenario, () if like_it else default, list(CATALOGUE))
     tried = options.names_of(method, list(methods()), list(methods()))
     count = replications or count
     study = Study([*like_it, *names], tried, count, seed)
-    disk.require_folder(out, TABLES, read_with([like] if like else []), force=force)
-    with Store(out, create=True) as store, options.resumable(store.path):
-        pending = study.enter(store, retry=retry_failed)
-        size = len(study.keys)
+    read = [imported] if imported else []
+    disk.require_folder(out, TABLES, [*read, *read_with([like] if like else [])], force=force)
+    theirs = read_estimates(imported, manifest, study) if imported and manifest else []
+    with Store(out, create=True) as store:
+        pending, size = study.enter(store, retry=retry_failed), len(study.keys)
+        enter_estimates(store, theirs)
         if held := size - len(pending):
-            words = f"{store.path}: holds {held} of {size} fits already"
-            make_console().print(words, soft_wrap=True)
+            show(make_console(), f"{store.path}: holds {held} of {size} fits already")
         results = study.run(store, pending, workers, scheduler, time_limit or None)
-        told = with_progress(results, counts_of(pending), workers)
+        told = with_bar(results, "fits", len(pending))
         unanswered = sum(result.message == UNANSWERED for result in told)
         _finish(out, store, plot=plot)
-        if unanswered:
-            make_console(errors=True).print(f"pilotid: {unanswered} fits gave no answer")
-            raise typer.Exit(1)
+    if unanswered:
+        make_console(errors=True).print(f"pilotid: {unanswered} fits gave no answer")
+        raise typer.Exit(1)
+
+
+def export(
+    scenario: str,
+    *,
+    replications: int,
+    kind: Format = "csv",
+    seed: int = DEFAULT_SEED,
+    out: Path,
+    force: bool = False,
+) -> None:
+    """Write a study's recordings as files for other languages, and their truth apart."""
+    from pilotid.study.exchange import MANIFEST
+    from pilotid.study.exchange import export as exported
+
+    names = split_list(scenario)
+    made = exported(names, replications, seed, out, kind, force=force)
+    words = f"{out / MANIFEST}: {len(made.recordings)} recordings; the truth is in {out / 'truth'}"
+    fits = f"fits of yours: pilotid compare --estimates {out / 'mine.csv'} --seed {seed}"
+    show(make_console(), words, fits)
 
 
 def report(folder: Path, *, out: Path | None = None, force: bool = False) -> None:
@@ -118,12 +161,11 @@ def compare_studies(first: Path, second: Path) -> None:
     from pilotid.study.table import find_changes, read_study
 
     found, left_out = find_changes(read_study(first), read_study(second))
+    rows = found.itertuples(index=False, name=None)
     changes = table(
         [
-            (*front, loss_text(*loss), "better" if loss[2] < 1 else "worse" * (loss[1] > 1))
-            for *front, loss in (
-                (*row[:3], row[3:]) for row in found.itertuples(index=False, name=None)
-            )
+            (*row[:3], loss_text(*row[3:]), "better" if row[5] < 1 else "worse" * (row[4] > 1))
+            for row in rows
         ],
         f"Losses in {second} (B) over those in {first} (A), with 95 % intervals",
         ("scenario", "method", "parameter", "loss B / A", ""),
@@ -140,9 +182,8 @@ def scenario_like(path: Path, seed: int) -> Scenario:
     if path.suffix.lower() == ".json":
         return designed_scenario(path)
     recording = load_recording(path)
-    return trial_of(
-        recording, options.selected_model(recording, AUTO, seed), ["mle"], seed
-    ).scenario
+    model = options.selected_model(recording, AUTO, seed)
+    return trial_of(recording, model, ["mle"], seed).scenario
 
 
 def trust(
@@ -162,7 +203,6 @@ def trust(
 
     The first method that is named is the one whose fit is judged, else mle.
     """
-    from pilotid.cli.running import with_progress
     from pilotid.datasets.named import model_place
     from pilotid.methods import methods
     from pilotid.report.study import overview, write_report
@@ -176,18 +216,17 @@ def trust(
         recording = replace(recording, controlled_element=element_named(element).name)
     chosen = options.selected_model(recording, model, seed)
     trial = trial_of(recording, chosen, options.names_of(method, [], list(methods())), seed)
-    with options.resumable(out):
-        found = trial.run(out, replications, seed, workers, model_place(model), with_progress)
+
+    def progress(results: Iterator[Fit], counts: Mapping[str, int]) -> Iterator[Fit]:
+        return with_bar(results, "fits", sum(counts.values()))
+
+    found = trial.run(out, replications, seed, workers, model_place(model), progress)
     page = write_report(out, found.comparison)
     told = found.to_dict()
     words, losses, rankings = overview(found.comparison)
     written = f"scenario and numbers: {out / TRUST}, report: {page}"
     shown = [*losses, *(own.table for own in rankings), trust_table(told)]
     show(make_console(), *shown, *words, *advice(told), UNKNOWN, written)
-
-
-#: Methods that are compared on people where none is named.
-USUAL = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")
 
 
 def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
@@ -208,39 +247,87 @@ def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
     show(console, f"The files are in {folder}:", command)
 
 
-def compare_people(
-    name: str,
-    method: Sequence[str] | None,
+def analyse(
+    files: list[Path],
     *,
-    seed: int,
-    workers: int | None,
-    force: bool,
     out: Path,
+    pattern: str | None = None,
+    model: list[str] | None = None,
+    method: list[str] | None = None,
+    contrast: list[str] | None = None,
+    keep_all: bool = False,
+    sensitivity: bool = False,
+    per_run: bool = False,
+    left_out: bool = False,
+    reading: Reading,
+    exclude: list[str] | None = None,
+    factors: str | None = None,
+    element: str | None = None,
+    fix: str | None = None,
+    ignore: list[str] | None = None,
+    seed: int = DEFAULT_SEED,
+    workers: int | None = None,
+    force: bool = False,
 ) -> None:
-    """Compare methods on published recordings, by the runs that they predict."""
-    from pilotid.experiment.experiment import analyse
-    from pilotid.experiment.report import left_out_table
+    """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
+    from pilotid.experiment.experiment import analyse as analysed
 
-    methods = options.methods_of(method, USUAL)
-    folder = fetch(name)
-    people = PEOPLE[name]
-    with options.resumable(out):
-        found = analyse(
-            recordings_in(folder, name),
-            people["pattern"],
-            [people["model"]],
-            list(methods.values()),
-            out=out,
-            left_out=True,
-            reading=Reading(
-                (people["map"],) if people["map"] else (),
-                float(people["dt"]) if people["dt"] else None,
-            ),
-            seed=seed,
-            workers=workers,
-            force=force,
-        )
-    report = found.write(f"pilotid compare --people {name}")
-    left_out = left_out_table(found.results)
-    show(make_console(), left_out, f"report: {report}")
+    found = analysed(
+        files,
+        pattern,
+        options.names_of(model, [AUTO], [AUTO]),
+        list(options.methods_of(method, ["mle"]).values()),
+        out=out,
+        contrasts=contrast or (),
+        keep_all=keep_all,
+        sensitivity=sensitivity,
+        per_run=per_run,
+        left_out=left_out,
+        exclude=exclude or (),
+        factors=factors,
+        element=element,
+        fix=fix,
+        reading=reading,
+        ignore=ignore or (),
+        seed=seed,
+        workers=workers,
+        force=force,
+    )
+    path = found.write(shlex.join(options.TYPED))
+    show(make_console(), *found.blocks(path))
     options.raise_refused(found.refused)
+
+
+def design(
+    scenario: str | None = None,
+    *,
+    out: Path,
+    minimise: str = "A",
+    limit: str = "e=1,u=1",
+    estimates: Path | None = None,
+    force: bool = False,
+) -> None:
+    """Design forcing functions for small errors, within limits on error and control."""
+    from importlib.metadata import version
+
+    from pilotid.datasets import Scenario, scenario_named
+    from pilotid.datasets.named import model_place
+    from pilotid.designing.design import design as designed
+    from pilotid.designing.design import scenario_of_fit, write_files
+    from pilotid.designing.report import error_table, sentences, write_report
+
+    read = [Path(path) for path in (scenario, estimates) if path is not None]
+    disk.require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)
+    named = None if scenario is None else scenario_named(scenario)
+    chosen = named or scenario_named("nominal")
+    if not isinstance(chosen, Scenario) or chosen.violation is not None:
+        raise InputError(f"{chosen.name}: a design is for one sound loop; name a scenario")
+    if estimates is not None:
+        chosen = scenario_of_fit(estimates, chosen if named else None)
+    with make_console(errors=True).status("designing"):
+        made = designed(chosen, minimise, options.numbers_in("--limit", limit))
+    command = shlex.join(options.TYPED)
+    about = {"pilotid": version("pilotid"), "command": command}
+    write_files(out, made, about, model_place(scenario or ""))
+    page = write_report(out, made, command)
+    show(make_console(), error_table(made), *sentences(made), f"report: {page}")

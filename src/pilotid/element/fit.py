@@ -18,6 +18,7 @@ from pilotid.estimates.loops import LoopElement
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.checks import remarks
+from pilotid.recordings.detectors import findings
 from pilotid.recordings.element_forms import (
     FormFit,
     fits_of,
@@ -26,7 +27,7 @@ from pilotid.recordings.element_forms import (
     spectra_in_window,
     spectra_of,
 )
-from pilotid.recordings.recording import Recording, remembered
+from pilotid.recordings.recording import Recording, remembered, unit_sized
 from pilotid.support.limits import ELEMENT
 from pilotid.support.numbers import Z95
 from pilotid.support.remarks import Remark, remark_of
@@ -35,9 +36,7 @@ from pilotid.support.types import FloatArray
 LARGEST = 1e100  # of a gain, whose square must not overflow
 #: Where loops cross over [rad/s].
 OMEGA = np.geomspace(0.5, 6.0, 40)
-NAME_IT = "name the element, for example --element 4/s^2"
 CHANGES = "it changes within a run"
-POOR = "control and output follow no one controlled element"
 ADVICE = (
     "it may change within a run, a disturbance may be missing, or a name or a sign may be wrong"
 )
@@ -225,7 +224,10 @@ def _short(value: float, error: float) -> tuple[float, int]:
 
 def _remark(element: ControlledElement, explained: float, error: float) -> str:
     if explained < ELEMENT.sound:
-        return f"{POOR}: the best of low order explains {explained:.0f} % of x; {ADVICE}"
+        return (
+            "control and output follow no one controlled element: the best of low order explains "
+            f"{explained:.0f} % of x; {ADVICE}"
+        )
     if error > ELEMENT.known:
         return (
             f"control and output tell the controlled element, {element.name}, to within "
@@ -278,7 +280,9 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
     """
     found = identified_element(recording)
     named = parsed_element(recording.controlled_element)
-    shown = found.element if found.sound else None
+    fault = next((f for f in findings(unit_sized(recording)) if f.grade != "note"), None)
+    shifted = fault and fault.code == "late-signal" and abs(fault.size) > ELEMENT.late
+    shown = found.element if found.sound and not shifted else None
     told = []
     for element, what in ((given, "given"), (named, "that the file names")):
         sentence = differs(element, shown, OMEGA, what) if element and shown else None
@@ -290,15 +294,31 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
     for element, origin in ((given, GIVEN), (named, FILE), (shown, SIGNALS)):
         if element is not None:
             return ElementChoice(element, origin, identified=found, remarks=tuple(told))
-    cure = "fit the parts with --span" if CHANGES in found.remark else NAME_IT
-    why = f"no loops: {found.remark}; {cure}"
+    cure = "name the element, for example --element 4/s^2"
+    if CHANGES in found.remark:
+        cure = "fit the parts with --span"
+    why = f"no loops: {fault.sentence if fault else f'{found.remark}; {cure}'}"
     return ElementChoice(why=why, identified=found, remarks=tuple(told))
+
+
+@remembered
+def confirmed_element(recording: Recording) -> ControlledElement | None:
+    """The element that a recording names, if it leaves no more of x than a twentieth.
+
+    The signals need not be asked for a form then, which takes long.
+    """
+    named = parsed_element(recording.controlled_element)
+    with np.errstate(all="ignore"):  # signals that do not move, which tell nothing
+        if named and spectra_in_window(recording).unexplained(named) <= 0.5 * ELEMENT.different:
+            return named
+    return None
 
 
 @remembered
 def recording_remarks(recording: Recording) -> tuple[Remark, ...]:
     """What is wrong with a recording, and with the element that it names."""
-    return (*remarks(recording), *map(remark_of, chosen_element(recording).remarks))
+    others = () if confirmed_element(recording) else chosen_element(recording).remarks
+    return (*remarks(recording), *map(remark_of, others))
 
 
 def differs(
@@ -340,12 +360,9 @@ def closing_element(recording: Recording) -> tuple[ControlledElement | None, flo
     """The controlled element that closes the loop of a recording, and its relative error.
 
     The one that the recording names, unless its signals show another one; None if none is known.
-    The signals are asked for a form only where those named leave more of x than a twentieth.
     """
-    named = parsed_element(recording.controlled_element)
-    with np.errstate(all="ignore"):  # signals that do not move, which tell nothing
-        if named and spectra_in_window(recording).unexplained(named) <= 0.5 * ELEMENT.different:
-            return named, 0.0
+    if confirmed := confirmed_element(recording):
+        return confirmed, 0.0
     choice = chosen_element(recording)
     if choice.origin == SIGNALS or choice.remarks:
         return choice.identified.element, choice.identified.response_error

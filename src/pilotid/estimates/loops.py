@@ -107,15 +107,27 @@ def _by_delta(estimate: Fit, element: ControlledElement) -> list[Loop]:
             result.append(no_loop(name, why_no_crossing(GRID, loop)))
             continue
         slopes = margin_slopes(model, values, element, found.crossover)[i]
+        delay = float(effective_delay(found.crossover, found.phase_margin))
+        late = -(delay * slopes[0] + np.radians(slopes[1])) / found.crossover
+        slopes = np.vstack([slopes, late])
         errors = np.sqrt(np.einsum("qi,ij,qj->q", slopes, covariance, slopes))
-        crossover, phase_margin = (
+        numbers = (found.crossover, found.phase_margin, delay)
+        quantities = (
             Quantity(key, unit, value, error, value - Z95 * error, value + Z95 * error)
             for (key, unit), value, error in zip(
-                loop_keys(name), (found.crossover, found.phase_margin), errors.tolist(), strict=True
+                loop_keys(name), numbers, errors.tolist(), strict=True
             )
         )
-        result.append(Loop(name, crossover, phase_margin, found.others))
+        result.append(Loop(name, *quantities, others=found.others))
     return result
+
+
+def effective_delay(crossover: FloatArray | float, phase_margin: FloatArray | float) -> FloatArray:
+    """The delay [s] of the crossover model, wc/s e^(-delay s), with this margin [deg].
+
+    Source: McRuer & Jex, *IEEE Trans. Human Factors in Electronics* HFE-8(3), 1967.
+    """
+    return np.asarray(np.radians(90.0 - np.asarray(phase_margin)) / crossover)
 
 
 def margin_slopes(
@@ -198,11 +210,12 @@ def sampled_loops(
             )
         told = no_loop(name, remark, own.others)
         if len(kept):
-            crossover, phase_margin = (
+            numbers = (frequency, phase, effective_delay(frequency, phase))
+            quantities = (
                 sampled(key, unit, own)
-                for (key, unit), own in zip(loop_keys(name), (frequency, phase), strict=True)
+                for (key, unit), own in zip(loop_keys(name), numbers, strict=True)
             )
-            told = replace(told, crossover=crossover, phase_margin=phase_margin)
+            told = Loop(name, *quantities, others=own.others, remark=remark)
         result.append(SampledLoop(told, frequency, phase))
     return result
 
@@ -266,8 +279,8 @@ class Loop:
     ----------
     name
         ``target`` or ``disturbance``.
-    crossover, phase_margin
-        NaN where there is none.
+    crossover, phase_margin, effective_delay
+        NaN where there is none; the delay is that of the crossover model with this margin.
     others
         Further frequencies where the magnitude falls through one [rad/s].
     remark
@@ -277,6 +290,7 @@ class Loop:
     name: str
     crossover: Quantity
     phase_margin: Quantity
+    effective_delay: Quantity
     others: tuple[float, ...] = ()
     remark: str = ""
 
@@ -294,6 +308,7 @@ class Loop:
         return {
             "crossover": self.crossover.to_dict(),
             "phase_margin": self.phase_margin.to_dict(),
+            "effective_delay": self.effective_delay.to_dict(),
             "others": list(self.others),
             "remark": self.remark,
         }
@@ -360,10 +375,14 @@ class Loops:
 def no_loop(name: str, why: str, others: tuple[float, ...] = ()) -> Loop:
     """A loop without a crossover, and why."""
     nan = float("nan")
-    crossover, phase_margin = (Quantity(k, u, nan, nan, nan, nan) for k, u in loop_keys(name))
-    return Loop(name, crossover, phase_margin, others, why)
+    quantities = (Quantity(key, unit, nan, nan, nan, nan) for key, unit in loop_keys(name))
+    return Loop(name, *quantities, others=others, remark=why)
 
 
-def loop_keys(name: str) -> tuple[tuple[str, str], tuple[str, str]]:
-    """Keys and units of a loop's two quantities."""
-    return (f"{name}_crossover", "rad/s"), (f"{name}_phase_margin", "deg")
+def loop_keys(name: str) -> tuple[tuple[str, str], ...]:
+    """Keys and units of a loop's three quantities."""
+    return (
+        (f"{name}_crossover", "rad/s"),
+        (f"{name}_phase_margin", "deg"),
+        (f"{name}_effective_delay", "s"),
+    )

@@ -52,6 +52,8 @@ SYMBOLS = {
     "target_phase_margin": r"\varphi_{m,t}",
     "disturbance_crossover": r"\omega_{c,d}",
     "disturbance_phase_margin": r"\varphi_{m,d}",
+    "target_effective_delay": r"\tau_{e,t}",
+    "disturbance_effective_delay": r"\tau_{e,d}",
     "remnant_share_u": r"\sigma^2_{u,n}/\sigma^2_u",
     **{f"var_{name}": rf"\sigma^2_{name}" for name in "eux"},
     **{f"rms_{name}": rf"\mathrm{{RMS}}_{name}" for name in "eux"},

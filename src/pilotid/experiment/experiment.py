@@ -137,7 +137,7 @@ def analyse(
         Conditions or parameters to compare, such as ``C3:C6``; else all conditions that differ in
         one factor.
     factors
-        Factors that conditions are combinations of, as text or CSV file, or fields of the pattern.
+        Factors that conditions are combinations of, as text or fields of the pattern.
     keep_all
         Whether estimates that are not determined, or wrong, count in means and tests as well.
     sensitivity

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.windows import file_of, of_runs, sidecar_path, stem_of
-from pilotid.support.disk import require_file
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
 SUBJECT, CONDITION = "subject", "condition"
 #: The field whose values are runs of one recording, each in a file of its own.
 RUN = "run"
-
-LARGEST = 2**20  # bytes of a file of factors
 
 FIELD = re.compile(r"\{([^{}]*)\}")
 
@@ -259,14 +256,13 @@ def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], D
     parts
         The recordings.
     text
-        Factors as in ``motion=C1,C2:off;C3,C4:on``, a CSV file with a column ``condition`` and one
-        for each factor, or fields of the pattern, ``motion,dynamics``, whose levels together are
-        the condition; None for no factors.
+        Factors as in ``motion=C1,C2:off;C3,C4:on``, or fields of the pattern, ``motion,dynamics``,
+        whose levels together are the condition; None for no factors.
 
     Raises
     ------
     InputError
-        If it is none of these, a level has no condition, or the conditions are no full crossing.
+        If it is neither, a level has no condition, or the conditions are no full crossing.
     """
     from pandas import DataFrame
 
@@ -283,7 +279,7 @@ def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], D
         rows = dict(zip(whole, fields, strict=True))
         frame = DataFrame.from_dict(rows, orient="index")[names].loc[in_order(whole)]
     else:
-        frame = _in_file(Path(text)) if text.lower().endswith(".csv") else _in_text(text)
+        frame = _in_text(text)
     there = in_order([part.field(CONDITION) for part in parts])
     for condition, levels in frame.iterrows():
         if condition not in there:
@@ -324,15 +320,3 @@ def _in_text(text: str) -> DataFrame:
     if not found:
         raise InputError("--factors: names no factor; write for example motion=C1,C2:off;C3,C4:on")
     return DataFrame(found)
-
-
-def _in_file(path: Path) -> DataFrame:
-    from pandas import read_csv
-
-    require_file(path, LARGEST)
-    try:
-        return read_csv(path, dtype=str, encoding="utf-8-sig").set_index(CONDITION)
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(
-            f"{path}: is no table with a column condition and one for each factor ({error})"
-        ) from None

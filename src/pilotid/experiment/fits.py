@@ -342,12 +342,13 @@ def _parameters(estimate: Estimate) -> list[list[object]]:
 
 
 def _loops(loops: Loops) -> list[list[object]]:
-    """The same of crossover and phase margin; they are determined together."""
+    """The same of crossover, phase margin and effective delay, determined together."""
     found: list[list[object]] = []
     for loop in loops.shown:
         low, high = loop.crossover.interval
         known = low > 0.0 and not spans_decade(low, high)
-        found += [_row(replace(q, determined=known)) for q in (loop.crossover, loop.phase_margin)]
+        quantities = (loop.crossover, loop.phase_margin, loop.effective_delay)
+        found += [_row(replace(q, determined=known)) for q in quantities]
     return found
 
 

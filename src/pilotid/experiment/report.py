@@ -27,7 +27,6 @@ from pilotid.support.format import (
     to_error,
     unsigned,
 )  # fmt: skip
-from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import LEVEL
 from pilotid.support.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_first
 from pilotid.support.types import printable
@@ -212,35 +211,26 @@ def model_table(results: Results) -> Table:
         "VAF %": ("vaf", number),
         "VAF left out %": ("left_out_vaf", number),
     }
+    columns = {k: v for k, v in columns.items() if own[str(v[0])].notna().any()}
     caption = "Models: chi-squared of lines per degree of freedom, in runs left out above the best"
     return frame_table(own, caption, columns, kinds, 1)
 
 
 def left_out_table(results: Results) -> Table:
     """Models and methods by the runs that they predict, within each kind of recording."""
-    left = results.left_out
-    kinds = [name for name in (*results.strata, CONDITION) if name in left]
-    rows = [
-        (
-            *key,
-            s.model,
-            s.method,
-            s.runs,
-            s.failed,
-            (s.vaf, s.vaf_error),
-            (s.behind, s.behind_error),
-        )
-        for key, own in (left.groupby(kinds, sort=False) if kinds else [((), left)])
-        for s in ranked(own).itertuples()
-    ]
-    caption = "Runs predicted by the fit of the others, the likeliest first"
-    forms: dict[str, Callable[..., str]] = {
-        "runs": str,
-        "failed": str,
-        "VAF %": unsigned,
-        "likelihood": plus_minus,
+    left = results.left_out.assign(recording=results.left_out["file"])
+    kinds = [name for name in (*results.strata, CONDITION) if name in left] or ["recording"]
+    found = left.groupby(kinds, sort=False).apply(ranked, include_groups=False).reset_index()
+    columns: Columns = {
+        "model": ("model", None),
+        "method": ("method", None),
+        "runs": ("runs", str),
+        "failed": ("failed", str),
+        "VAF %": (("vaf", "vaf_error"), unsigned),
+        "likelihood": (("behind", "behind_error"), plus_minus),
     }
-    return table(rows, caption, (*kinds, "model", "method", *forms), forms, heads=len(kinds) + 1)
+    caption = "Runs predicted by the fit of the others, the likeliest first"
+    return frame_table(found, caption, columns, kinds)
 
 
 def recording_table(results: Results) -> Table:
@@ -308,16 +298,6 @@ def summary(results: Results) -> Iterator[str]:
         yield (
             f"{len(out)} of {len(shown)} estimates count in no mean, test or figure (`--keep-all` "
             f"counts them): {words}."
-        )
-    tested = results.models.dropna(subset=["change_p"]).drop_duplicates("file")
-    changes = (tested["change_p"] < ESTIMATE.changes) & (
-        tested["change_size"] > ESTIMATE.changes_by
-    )
-    if changes.any():
-        yield (
-            f"A gain or lead changes by a third or more during {changes.sum()} of {len(tested)} "
-            f"recordings (a constant pilot is rejected, p < {ESTIMATE.changes:g}); `adapting` is a "
-            "model of such pilots."
         )
     ends = Counter(e["outcome"] for f in results.fits.fits for e in f.content["estimates"])
     yield f"Fits: {', '.join(f'{count} {outcome}' for outcome, count in ends.items())}."

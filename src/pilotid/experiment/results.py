@@ -199,6 +199,8 @@ def results_of(fits: Fits) -> Results:
         DataFrame([*own], columns=heads).astype({"run": "Int64"})
         for own in (_measured(fits), _rows(fits, "parameters"), _rows(fits, "loops"))
     )
+    # Of a pilot who changes there is no loop, and nothing to show.
+    loops = loops[loops.groupby(["model", "parameter"])["value"].transform("count") > 0]
     found, effects, notes = DataFrame(), DataFrame(), list[str]()
     if {SUBJECT, CONDITION} <= set(fields):
         keys = [*strata, CONDITION, SUBJECT, "model", "method", "parameter"]
@@ -211,8 +213,10 @@ def results_of(fits: Fits) -> Results:
         tables = [
             dict(iter(frame.groupby([*strata, CONDITION, "model"], sort=False))) for frame in frames
         ]
-        compared = [*_differences(fits, strata, tables), *_within(fits, strata, tables)]
-        found = _corrected(DataFrame(compared, columns=[*strata, *CONTRAST_COLUMNS]), fits, strata)
+        compared = DataFrame(
+            [*_differences(fits, strata, tables)], columns=[*strata, *CONTRAST_COLUMNS]
+        )
+        found = _corrected(compared, fits, strata)
         if settings.factors is not None:
             tested = DataFrame([*_effects(fits, strata, tables)])
             effects = tested.reindex(columns=[*strata, *FACTOR_COLUMNS])
@@ -333,39 +337,41 @@ def _strata(fits: Fits) -> dict[Group, list[str]]:
     return {stratum: in_order(own) for stratum, own in found.items()}
 
 
+def _comparisons(fits: Fits) -> Iterator[tuple[Group, int, Group, Mapping[str, str], Group]]:
+    """What is compared, quantities that mean the same in every model first.
+
+    The stratum, the kind of cells, two conditions, their models, and two parameters or none.
+    """
+    for stratum, conditions in _strata(fits).items():
+        for place in range(3):
+            for pair in fits.settings.condition_pairs(conditions):
+                for models in _models(fits, place, stratum, pair):
+                    yield stratum, place, pair, models, ()
+    for stratum, conditions in _strata(fits).items():
+        for pair in fits.settings.pairs:
+            for place, own in product((1, 2), conditions if {*pair}.isdisjoint(conditions) else ()):
+                for models in _models(fits, 1, stratum, (own,)):
+                    yield stratum, place, (own, own), models, pair
+
+
 def _differences(fits: Fits, strata: Sequence[str], tables: Tables) -> Iterator[dict[str, Any]]:
-    """Differences between conditions, those that mean the same in every model first."""
-    for stratum, conditions in _strata(fits).items():
-        for place, table in enumerate(tables):
-            for a, b in fits.settings.condition_pairs(conditions):
-                for models in _models(fits, place, stratum, (a, b)):
-                    sides = [table.get((*stratum, c, models[c])) for c in (a, b)]
-                    known = [s.set_index(["method", "parameter"]) for s in sides if s is not None]
-                    if len(known) < 2:
-                        continue
-                    one, two = known
-                    for key in dict.fromkeys(one.index):
-                        if key in two.index:
-                            head = (*stratum, a, b, models[a], models[b], *key)
-                            yield _contrast(strata, head, one.loc[[key]], two.loc[[key]])
-
-
-def _within(fits: Fits, strata: Sequence[str], tables: Tables) -> Iterator[dict[str, Any]]:
-    """Differences between two parameters of the same fits, for each condition."""
-    for stratum, conditions in _strata(fits).items():
-        for first, second in fits.settings.pairs:
-            for table in tables[1:]:
-                for condition in conditions if {first, second}.isdisjoint(conditions) else ():
-                    for models in _models(fits, 1, stratum, (condition,)):
-                        own = table.get((*stratum, condition, models[condition]))
-                        for method, of in (
-                            own.groupby("method", sort=False) if own is not None else ()
-                        ):
-                            one, two = (of[of["parameter"] == key] for key in (first, second))
-                            if len(one) and len(two):
-                                ends = (condition, condition, *[models[condition]] * 2)
-                                head = (*stratum, *ends, method, f"{second} - {first}")
-                                yield _contrast(strata, head, one, two)
+    """A row for each quantity that both sides of a comparison have."""
+    for stratum, place, (a, b), models, keys in _comparisons(fits):
+        sides = [tables[place].get((*stratum, c, models[c])) for c in (a, b)]
+        known = [side for side in sides if side is not None]
+        if len(known) < 2:
+            continue
+        if keys:
+            name = " - ".join(reversed(keys))
+            known = [
+                own[own["parameter"] == key].assign(parameter=name)
+                for own, key in zip(known, keys, strict=True)
+            ]
+        one, two = (own.set_index(["method", "parameter"]) for own in known)
+        for key in one.index.drop_duplicates():
+            if key in two.index:
+                head = (*stratum, a, b, models[a], models[b], *key)
+                yield _contrast(strata, head, one.loc[[key]], two.loc[[key]])
 
 
 def _contrast(
@@ -489,8 +495,8 @@ def _not_compared(fits: Fits) -> Iterator[str]:
     if unlike:
         yield (
             "No model is determined in all conditions of "
-            f"{', '.join(unlike)}: their parameters are not compared; variances, crossovers and "
-            "margins, which mean the same in every model, are."
+            f"{', '.join(unlike)}: their parameters are not compared; variances, crossovers, "
+            "margins and effective delays, which mean the same in every model, are."
         )
     if unsuited:
         yield (

@@ -15,11 +15,11 @@ import math
 import pickle
 import re
 import sys
-import types
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from difflib import get_close_matches
-from functools import partial
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -28,84 +28,46 @@ from pilotid.support.types import InputError
 
 T = TypeVar("T")
 NOTHING = dataclasses.MISSING
-NESTING = 50  # brackets within brackets: more are nonsense, and would end Python's recursion
-CONSTANTS = {"none": None, "true": True, "false": False}
-PAIRS = {")": "(", "]": "["}
-#: How pydantic begins, and what it calls a thing that users have another word for.
-EXPECTED = "Input should be "
-WORDS = {
-    "bool_type": "true or false",
-    "int_type": "a whole number",
-    "float_type": "a number",
-    "string_type": "a word",
-    "tuple_type": "a list in parentheses",
-    "list_type": "a list in parentheses",
-}
-PLAIN = (type(None), bool, int, float, str, tuple, list, set, frozenset)
-CONTAINERS = (tuple, list, set, frozenset, Sequence)
+CALL = re.compile(r"(?P<name>(.{2,}:)?[^()]*?)\s*(\((?P<settings>.*)\))?", re.DOTALL)
+#: A text in quotes, or a word without: neither a setting's name nor that of a class.
+WORD = re.compile(
+    r"""('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")|(?<![\w.])([A-Za-z_][\w.+-]*)(?!\s*[=(\w.+-])"""
+)
+CONSTANTS = {"none": "None", "true": "True", "false": "False", "inf": "1e999"}
+WANTED = {float: "a number", int: "a whole number", bool: "true or false", str: "a word"}
+SIMPLE = (type(None), bool, int, float, str, tuple)
 
 
 class SettingError(ValueError):
-    """Says what is wrong with the text of a setting, without the text."""
+    """Says what is wrong with a setting."""
 
 
-# ------------------------------------------------------------------------- text in pieces
-
-
-def split_list(text: str, *, names: bool = False) -> list[str]:
-    """The parts of a text between commas that stand outside brackets, empty ones left out.
-
-    Parameters
-    ----------
-    text
-        Settings, values or names.
-    names
-        Whether it is names, where a quote outside brackets is an apostrophe in a path.
+def split_list(text: str) -> list[str]:
+    """The names in a text between commas outside brackets, empty ones left out.
 
     Raises
     ------
     InputError
-        If a bracket or a quote is not closed.
+        If a bracket is not closed.
     """
-    commas = [place for place, sign in _outside_brackets(text, names) if sign == ","]
-    ends = zip([-1, *commas], [*commas, len(text)], strict=True)
-    parts = (text[start + 1 : end].strip() for start, end in ends)
-    return [part for part in parts if part]
+    parts, depth = [""], 0
+    for sign in text:
+        depth += (sign in "([") - (sign in ")]")
+        if depth < 0:
+            break
+        if sign == "," and not depth:
+            parts.append("")
+        else:
+            parts[-1] += sign
+    if depth:
+        raise InputError(f"{text}: a bracket is not closed, or closes nothing; check the brackets")
+    return [part.strip() for part in parts if part.strip()]
 
 
 def split_call(text: str) -> tuple[str, str | None]:
     """A name, and the settings in the parentheses at its end, None if there are none."""
-    text = text.strip()
-    opened = [place for place, sign in _outside_brackets(text, True) if sign == "("]
-    if not opened or not text.endswith(")"):
-        return text, None
-    return text[: opened[-1]].rstrip(), text[opened[-1] + 1 : -1]
-
-
-def _outside_brackets(text: str, names: bool) -> Iterator[tuple[int, str]]:
-    """The signs outside brackets and quotes, with their places; brackets that open included."""
-    waiting: list[str] = []
-    quote = before = ""
-    for place, sign in enumerate(text):
-        if quote:
-            quote = "" if sign == quote and before != "\\" else quote
-        elif sign in "\"'" and (waiting or not names):
-            quote = sign
-        elif sign in PAIRS:
-            if not waiting or waiting.pop() != PAIRS[sign]:
-                raise InputError(f"{text}: '{sign}' closes nothing; check the brackets")
-        else:
-            if not waiting:
-                yield place, sign
-            if sign in "([":
-                waiting.append(sign)
-        before = "" if before == sign == "\\" else sign
-    if waiting or quote:
-        left = quote or waiting[-1]
-        raise InputError(f"{text}: '{left}' is not closed; check brackets and quotes")
-
-
-# ------------------------------------------------------------------------------- from text
+    match = CALL.fullmatch(text.strip())
+    return (match["name"], match["settings"]) if match else (text.strip(), None)
 
 
 def configured(thing: Any, text: str | None, given: str) -> Any:
@@ -126,20 +88,19 @@ def configured(thing: Any, text: str | None, given: str) -> Any:
     InputError
         If there is no such setting, or if it cannot have that value.
     """
-    kind = type(thing) if not isinstance(thing, type) else thing
+    kind = thing if isinstance(thing, type) else type(thing)
     try:
-        values = _values(kind, text or "")
-        if isinstance(thing, type):
-            made = thing(**values)
-        else:
-            made = dataclasses.replace(thing, **values) if values else thing
+        values = _values(kind, _parsed(text or ""))
+        made = thing(**values) if kind is thing else thing
+        made = dataclasses.replace(made, **values) if values and kind is not thing else made
         require_settings(made)
         return made
     except Exception as error:
-        fields = _settings(kind).items()
-        usual = ((n, _usual(f) if kind is thing else getattr(thing, n)) for n, f in fields)
-        shown = [_with_value(name, value) for name, value in usual]
-        there = f"its settings are {', '.join(shown)}" if shown else "it has no settings"
+        usual = {n: _usual(f) if kind is thing else getattr(thing, n) for n, f in _fields(kind)}
+        words = [
+            n if v is NOTHING or len(shown(v)) > 28 else f"{n}={shown(v)}" for n, v in usual.items()
+        ]
+        there = f"its settings are {', '.join(words)}" if words else "it has no settings"
         why = str(error) or type(error).__name__
         raise InputError(f"{given}: {why.rstrip('.')}; {there}") from error
 
@@ -163,9 +124,8 @@ def from_catalogue(text: str, known: Mapping[str, T], kind: str, place: str) -> 
     """
     name, settings = split_call(text)
     if name not in known:
-        raise InputError(
-            f"unknown {kind} '{name}': choose from {', '.join(known)}, or name file.py:{place}"
-        )
+        there = f"choose from {', '.join(known)}, or name file.py:{place}"
+        raise InputError(f"unknown {kind} '{name}': {there}")
     return name, configured(known[name], settings, text)
 
 
@@ -182,139 +142,60 @@ def require_name(name: object, kind: str) -> None:
         )
 
 
-def _with_value(name: str, value: object) -> str:
-    """A setting and its value, where that is short."""
-    text = "" if value is NOTHING else f"={shown(value)}"
-    return f"{name}{text}" if len(text) < 30 else name
+def _parsed(text: str) -> ast.Call:
+    """The settings of a text as the arguments of a call, with words in quotes."""
+    words = WORD.sub(lambda m: m[1] or CONSTANTS.get(m[2].lower(), repr(m[2])), text)
+    try:
+        call = ast.parse(f"_({words})", mode="eval").body
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name):
+            return call
+    except (SyntaxError, ValueError, MemoryError, RecursionError):
+        pass
+    raise SettingError(
+        f"'{text}' is not SETTING=VALUE, ...; check brackets, and put words with other signs than "
+        "letters, digits and .+- in quotes"
+    )
 
 
-def _values(kind: type, text: str) -> dict[str, object]:
+def _values(kind: type, call: ast.Call) -> dict[str, object]:
     """The values of settings by their names, as the class declares them."""
-    known, hints = _settings(kind), _hints(kind)
-    values: dict[str, object] = {}
-    for part in split_list(text):
-        name, equals, value = (piece.strip() for piece in part.partition("="))
-        if not equals:
-            raise SettingError(f"'{part}' is not SETTING=VALUE")
+    known, values = dict(_fields(kind)), dict[str, object]()
+    hints = {}
+    with suppress(Exception):  # a class may import its types for type checkers only
+        hints = get_type_hints(kind)
+    if call.args:
+        raise SettingError(f"'{ast.unparse(call.args[0])}' is not SETTING=VALUE")
+    for keyword in call.keywords:
+        name, hint = str(keyword.arg), hints.get(str(keyword.arg), Any)
         if name not in known:
             near = [f", did you mean '{n}'?" for n in get_close_matches(name, known, 1)]
             raise SettingError(f"there is no setting '{name}'{''.join(near)}")
         if name in values:
             raise SettingError(f"the setting '{name}' is given twice")
-        hint = hints.get(name, Any)
+        value = _value(keyword.value, [*kind.__mro__, *_types_in(hint)])
         try:
-            values[name] = _value(value, hint, partial(_nested, kind, hint))
-        except SettingError as wrong:
-            raise SettingError(f"{name} {wrong}") from None
+            values[name] = _converted(value, hint)
+        except SettingError:
+            wrong = f"{name} must be {_wanted(hint)}, not {shown(value)}"
+            raise SettingError(wrong) from None
     return values
 
 
-def _value(text: str, hint: Any, build: Callable[[str, str], object]) -> object:
-    """A typed value as the declared type has it: words as what they look like, or as words."""
-    from pydantic import ConfigDict, TypeAdapter, ValidationError
-
-    config = ConfigDict(strict=True, arbitrary_types_allowed=True)
-    adapter = TypeAdapter[Any](_checked_type(hint), config=config)
-    try:
-        return adapter.validate_python(_read(text, build, _parse_word))
-    except ValidationError as wrong:
+def _value(node: ast.expr, kinds: Sequence[type]) -> object:
+    """What was typed as an object; a dataclass is one known where one of the classes is written."""
+    if isinstance(node, ast.Tuple | ast.List):
+        return tuple(_value(entry, kinds) for entry in node.elts)
+    if not isinstance(node, ast.Call):
         try:
-            return adapter.validate_python(_read(text, build, str))
-        except ValidationError:
-            raise SettingError(_describe_errors(wrong.errors(), hint, text)) from None
-
-
-def _describe_errors(errors: list[Any], hint: Any, text: str) -> str:
-    """What pydantic says against a value, in a user's words."""
-    messages = [WORDS.get(error["type"], str(error["msg"])) for error in errors]
-    if not all(m in WORDS.values() or m.startswith(EXPECTED) for m in messages):
-        return f"cannot be {text} ({'; '.join(messages)})"
-    messages += ["none"] if type(None) in get_args(hint) else []
-    wanted = dict.fromkeys(message.removeprefix(EXPECTED) for message in messages)
-    return f"must be {' or '.join(wanted)}, not {text}"
-
-
-def _read(
-    text: str,
-    build: Callable[[str, str], object],
-    word: Callable[[str], object],
-    depth: int = 0,
-) -> object:
-    """What was typed as an object; `word` makes one of a word without quotes."""
-    text = text.strip()
-    if depth > NESTING:
-        raise SettingError("has too many brackets")
-    if not text:
-        raise SettingError("has no value")
-    if text[0] in "\"'":
-        try:
-            return ast.literal_eval(text)
-        except (SyntaxError, ValueError):
-            raise SettingError(f"cannot be {text}, whose quotes are not in order") from None
-    if text[0] in "([" and text[-1] in ")]":
-        return tuple(_read(part, build, word, depth + 1) for part in split_list(text[1:-1]))
-    name, settings = split_call(text)
-    if settings is not None and name.isidentifier():
-        return build(name, settings)
-    if re.search(r"[\s()\[\]\"'=,]", text):
-        raise SettingError(f"cannot be {text}; put words with such signs in quotes")
-    return word(text)
-
-
-def _parse_word(word: str) -> object:
-    """A word as what it looks like: a constant, a number, or itself."""
-    if word.lower() in CONSTANTS:
-        return CONSTANTS[word.lower()]
-    if re.fullmatch(r"[+-]?inf", word, re.IGNORECASE):
-        return float(word)
-    try:
-        value = ast.literal_eval(word)
-    except (SyntaxError, ValueError, MemoryError, RecursionError):
-        return word
-    return value if isinstance(value, int | float) else word
-
-
-def _checked_type(hint: Any) -> Any:
-    """A declared type as pydantic checks it: classes of our own and of others by themselves."""
-    from pydantic import AfterValidator, PlainValidator
-
-    origin, inner = get_origin(hint), get_args(hint)
-    if hint in (Any, object) or origin in (Literal, Annotated):
-        return Any if hint is object else hint
-    if origin in (Union, types.UnionType):
-        return Union[tuple(_checked_type(each) for each in inner)]  # noqa: UP007  (made of a tuple)
-    if origin in CONTAINERS:
-        return origin[tuple(each if each is Ellipsis else _checked_type(each) for each in inner)]
-    if hint in PLAIN:
-        return hint
-    if isinstance(hint, type) and issubclass(hint, enum.Enum):
-        names = Literal[tuple(hint.__members__)]  # type: ignore[valid-type]  # made of a tuple
-        return Annotated[names, AfterValidator(hint.__getitem__)]
-    return Annotated[Any, PlainValidator(partial(_instance, hint))]
-
-
-def _instance(kind: Any, value: object) -> object:
-    """An object of a class, where that can be told: protocols are not asked."""
-    from pydantic_core import PydanticCustomError
-
-    a_class = isinstance(kind, type) and dataclasses.is_dataclass(kind)
-    if isinstance(value, kind if a_class else PLAIN) is not a_class:
-        name = getattr(kind, "__name__", kind)
-        raise PydanticCustomError("setting", EXPECTED + "{name}(...)", {"name": name})
-    return value
-
-
-def _nested(kind: type, hint: Any, name: str, settings: str) -> object:
-    """A dataclass within the settings, of a name known where they or their type are written."""
-    places = [base.__module__ for base in (*kind.__mro__, *_types_in(hint))]
-    known = (vars(sys.modules[place]).get(name) for place in places if place in sys.modules)
-    inner = next((k for k in known if isinstance(k, type) and dataclasses.is_dataclass(k)), None)
+            return ast.literal_eval(node)
+        except ValueError:
+            raise SettingError(f"'{ast.unparse(node)}' is no value of a setting") from None
+    name = ast.unparse(node.func)
+    places = (vars(sys.modules[kind.__module__]) for kind in kinds)
+    inner = next((p[name] for p in places if dataclasses.is_dataclass(p.get(name))), None)
     if inner is None:
-        raise SettingError(f"cannot be {name}(...), which is not known there")
-    try:
-        return inner(**_values(inner, settings))
-    except Exception as error:
-        raise SettingError(f"cannot be {name}({settings}), for {error}") from error
+        raise SettingError(f"{name}(...) is not known there")
+    return inner(**_values(inner, node))
 
 
 def _types_in(hint: Any) -> list[type]:
@@ -323,25 +204,66 @@ def _types_in(hint: Any) -> list[type]:
     return [hint, *inner] if isinstance(hint, type) else inner
 
 
-def _settings(kind: type) -> dict[str, dataclasses.Field[Any]]:
-    if not dataclasses.is_dataclass(kind):
-        return {}
-    return {f.name: f for f in dataclasses.fields(kind) if f.init}
+def _converted(value: Any, hint: Any) -> Any:
+    """A value as the declared type has it; of classes dataclasses alone are asked.
+
+    Raises
+    ------
+    SettingError
+        If the value is of another type.
+    """
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        for kind in inner:
+            with suppress(SettingError):
+                return _converted(value, kind)
+    elif hint in (Any, object):
+        return value
+    elif origin is Literal:
+        if any(value == known and type(value) is type(known) for known in inner):
+            return value
+    elif origin in (tuple, list, Sequence):
+        kinds = inner if origin is tuple and ... not in inner else inner[:1] * len(value)
+        if isinstance(value, tuple) and len(value) == len(kinds):
+            return (list if origin is list else tuple)(map(_converted, value, kinds))
+    elif isinstance(hint, enum.EnumType):
+        if value in hint.__members__:
+            return hint[value]
+    elif hint is float and type(value) is int:
+        return float(value)
+    elif (
+        type(value) is hint
+        if hint in SIMPLE or isinstance(value, SIMPLE)
+        else (
+            not (isinstance(hint, type) and dataclasses.is_dataclass(hint))
+            or isinstance(value, hint)
+        )
+    ):
+        return value
+    raise SettingError
 
 
-def _hints(kind: type) -> dict[str, Any]:
-    """Declared types; none where a class imports them for type checkers only."""
-    try:
-        return get_type_hints(kind)
-    except Exception:
-        return {}
+def _wanted(hint: Any) -> str:
+    """A declared type in words."""
+    inner = get_args(hint)
+    if get_origin(hint) in (Union, UnionType):
+        return " or ".join(map(_wanted, inner))
+    if get_origin(hint) is Literal or isinstance(hint, enum.EnumType):
+        return " or ".join(map(repr, inner or hint.__members__))
+    if inner:
+        return f"({', '.join('...' if kind is ... else _wanted(kind) for kind in inner)})"
+    known = {**WANTED, type(None): "none", tuple: "a list in parentheses"}
+    return known.get(hint) or f"{getattr(hint, '__name__', hint)}(...)"
+
+
+def _fields(kind: type) -> list[tuple[str, dataclasses.Field[Any]]]:
+    """The settings of a class; only a dataclass has any."""
+    known = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
+    return [(field.name, field) for field in known if field.init]
 
 
 def _usual(field: dataclasses.Field[Any]) -> object:
     return field.default if field.default_factory is NOTHING else field.default_factory()
-
-
-# --------------------------------------------------------------------------------- to text
 
 
 def labelled(name: str, thing: object, usual: object = None) -> str:
@@ -357,7 +279,7 @@ def labelled(name: str, thing: object, usual: object = None) -> str:
         The thing of that name without settings; None for that with the class's defaults.
     """
     changed = []
-    for key, field in _settings(type(thing)).items():
+    for key, field in _fields(type(thing)):
         value = shown(getattr(thing, key))
         default = _usual(field) if usual is None else getattr(usual, key)
         if default is NOTHING or shown(default) != value:
@@ -374,26 +296,17 @@ def shown(value: object) -> str:
         case None | bool():
             return str(value).lower()
         case float():
-            return _number(value)
+            return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
         case str():
             bare = re.fullmatch(r"[A-Za-z_][\w.+-]*", value, re.ASCII)
             return value if bare and value.lower() not in CONSTANTS else repr(value)
         case list() | tuple():
-            entries = [shown(entry) for entry in value]
-            return f"({', '.join(entries)}{',' if len(entries) == 1 else ''})"
+            return f"({', '.join(map(shown, value))}{',' if len(value) == 1 else ''})"
         case dict():
             inner = [f"{key}={shown(entry)}" for key, entry in value.items() if key != "class"]
             return f"{value.get('class', '')}({', '.join(inner)})"
     held = plain(value)
     return repr(held) if type(held) is type(value) else shown(held)
-
-
-def _number(value: float) -> str:
-    """A number with all its digits, and no more."""
-    return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
-
-
-# --------------------------------------------------------------------------------- to JSON
 
 
 def plain(value: object) -> Any:
@@ -402,37 +315,32 @@ def plain(value: object) -> Any:
     A dataclass becomes a mapping of its fields, with its name under ``class``, which no field
     can be called.  Numbers keep all their digits.
     """
-    if value is None or isinstance(value, bool | str):
-        return value
-    if isinstance(value, enum.Enum):
-        return value.name
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, int):
-        return int(value)
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else str(float(value))
+    match value:
+        case None | bool() | str():
+            return value
+        case enum.Enum():
+            return value.name
+        case np.generic():
+            return plain(value.item())
+        case int():
+            return int(value)
+        case float():
+            return float(value) if math.isfinite(value) else str(float(value))
+        case np.ndarray():
+            return {"class": "array", "values": plain(value.tolist())}
+        case list() | tuple():
+            return [plain(entry) for entry in value]
+        case Mapping():
+            return {str(key): plain(entry) for key, entry in value.items()}
+        case set() | frozenset():
+            return sorted((plain(entry) for entry in value), key=repr)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        own = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-        return {"class": type(value).__qualname__, **own}
-    if isinstance(value, np.ndarray):
-        return {"class": "array", "values": plain(value.tolist())}
-    if isinstance(value, list | tuple):
-        return [plain(entry) for entry in value]
-    if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, set | frozenset):
-        return sorted((plain(entry) for entry in value), key=repr)
-    return _other(value)
-
-
-def _other(value: object) -> str:
-    """Anything else: what it shows of itself, or a digest where that is but an address."""
+        fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {"class": type(value).__qualname__, **fields}
     text = str(getattr(value, "__qualname__", "") or repr(value))
     if not re.search(r" at 0x|<locals>|<lambda>", text):
         return text
-    try:
-        digest = hashlib.sha256(pickle.dumps(value)).hexdigest()[:8]
+    try:  # what it shows of itself is but an address
+        return f"{type(value).__qualname__} {hashlib.sha256(pickle.dumps(value)).hexdigest()[:8]}"
     except Exception:
         return f"{type(value).__qualname__} ?"  # it cannot cross to another process either
-    return f"{type(value).__qualname__} {digest}"

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.recordings.detectors import findings, step_of
+from pilotid.recordings.detectors import Finding, findings, step_of
 from pilotid.recordings.plant import (
     element_changes,
     late,
@@ -32,12 +32,15 @@ from pilotid.recordings.spectra import (
     target_lines,
 )
 from pilotid.recordings.windows import of_runs
-from pilotid.support.limits import ELEMENT, SIGNAL
+from pilotid.support.limits import ELEMENT, RECORDER, SIGNAL
 from pilotid.support.remarks import Remark, gravest_first
 from pilotid.support.types import BoolArray, FloatArray
 
 BLOCK = 5.0  # seconds whose mean is one observation of an offset
 Found = Iterator[tuple[float, str]]
+NameCheck = Callable[[Recording], Remark | None]
+#: Findings that tell why x seems not to answer to u and fd.
+RELATED = ("appended-runs", "late-signal", "gain-differs", "includes-fd", "rounded")
 
 
 class Check(NamedTuple):
@@ -74,13 +77,14 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
     """
     sized = unit_sized(recording)
     found = [row(recording) for row in CHECKS]
-    named = _names_by_lines(sized)
     faults = [f for f in findings(sized) if f.grade != "note"]
+    related = any(f.code in RELATED and f.signal != "e" and not _turned(f) for f in faults)
+    named = _names_by_lines(sized, ABOUT_ERROR if related else ABOUT_ERROR + ABOUT_OUTPUT)
     is_late = any(f.code == "late-signal" for f in faults)
     if named and named.code in ("not-the-error", "wrong-unit") and is_late:
         named = None  # that tells why e is not ft - x
     if named:  # explains what times and gains seem to be
-        faults = [f for f in faults if f.code not in ("late-signal", "gain-differs", "includes-fd")]
+        faults = [f for f in faults if f.code not in RELATED]
     told = [named, *found, *(Remark(f.code, f.sentence, f.grade) for f in faults)]
     treated = (
         sentence if isinstance(sentence, Remark) else Remark("preprocessed", sentence)
@@ -130,36 +134,43 @@ def _still(recording: Recording) -> Found:
     yield len(names), f"{which} does not move: map it to the recorded signal, or record it"
 
 
-def _names_by_lines(recording: Recording) -> Remark | None:
-    """`_names` of runs whose forcing functions have the same lines, which it takes for granted."""
+def _turned(fault: Finding) -> bool:
+    """Whether fd has another sign and the same size, which `opposed` tells with more certainty."""
+    return fault.code == "gain-differs" and abs(fault.size + 1.0) <= RECORDER.gain
+
+
+def _names_by_lines(recording: Recording, checks: Sequence[NameCheck]) -> Remark | None:
+    """`_names` of runs whose forcing functions have the same lines, which it takes for granted.
+
+    Where e is not ft - x for no reason that all runs share, each run is asked.
+    """
     groups = same_lines(recording)
-    if len(groups) == 1:
-        return _names(recording)
+    whole = _names(recording, checks) if len(groups) == 1 else None
+    if len(groups) == 1 and (whole is None or whole.code != "not-the-error"):
+        return whole
+    if whole:
+        groups = tuple((run,) for run in range(recording.runs))
+    found = []
     for group in groups:
         words = f"{'run' if len(group) == 1 else 'runs'} {', '.join(str(1 + run) for run in group)}"
-        if told := _names(of_runs(recording, [1 + run for run in group], words)):
-            return Remark(told.code, f"{words}: {told}", told.grade)
-    return None
+        found.append((words, _names(of_runs(recording, [1 + run for run in group], words), checks)))
+    wrong = [(words, told) for words, told in found if told]
+    if not wrong or (whole and len(wrong) == len(found)):
+        return whole
+    words, told = wrong[0]
+    fault, _, cure = told.partition("; ")
+    if len(wrong) < len(found):  # --map would change the other runs as well
+        cure = f"mend {words} in the file, or leave {words} out with --runs"
+    return Remark(told.code, f"{words}: {fault}; {cure}", told.grade)
 
 
-def _names(recording: Recording) -> Remark | None:
+def _names(recording: Recording, checks: Sequence[NameCheck]) -> Remark | None:
     """Units, names and signs: the first thing that is wrong explains the others."""
     if motionless(recording, "e"):
         return None
     if recording.origin.get("x") == ABSENT or motionless(recording, "x"):
         return None
-    for check in (
-        not_the_error,
-        units_differ,
-        exchanged,
-        late,
-        opposed,
-        element_changes,
-        unrelated,
-    ):
-        if sentence := check(recording):
-            return sentence
-    return None
+    return next(filter(None, (check(recording) for check in checks)), None)
 
 
 @check("lost-samples", 1.0)
@@ -409,6 +420,10 @@ def _rms(signal: FloatArray) -> float:
 def _centred(signal: FloatArray) -> FloatArray:
     return np.asarray(signal - signal.mean(axis=1, keepdims=True))
 
+
+#: Units, names and signs, by e = ft - x and by x as the answer to u and fd.
+ABOUT_ERROR: tuple[NameCheck, ...] = (not_the_error, units_differ, exchanged)
+ABOUT_OUTPUT: tuple[NameCheck, ...] = (late, opposed, element_changes, unrelated)
 
 FEWEST_BANDS = 4
 BY_SIZE = 3  # runs from which a scatter can be told

@@ -86,7 +86,7 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
 def _found(look: _Look, ends: Sequence[Finding]) -> list[Finding]:
     found = list(ends)
     found += [*look.lost(found), *look.floors(), *look.steps()]
-    if not any(f.code == "lost-samples" for f in found):
+    if not any(f.code in ("lost-samples", "appended-runs") for f in found):
         found += look.identity()
         found += look.times(found)
     return found + list(look.copies())
@@ -191,7 +191,14 @@ class _Look:
             step, rms = step_of(self.signals[name]), float(np.std(self.signals[name]))
             if step > RECORDER.lattice * rms:
                 words = f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms"
-                yield Finding("rounded", name, "note", step, self.units[name], words)
+                coarse = step > RECORDER.coarse * rms
+                if coarse:
+                    words += (
+                        ": small movements are lost, and the controlled element may not show; "
+                        "record with finer steps, and name the element with --element"
+                    )
+                grade: Grade = "doubt" if coarse else "note"
+                yield Finding("rounded", name, grade, step, self.units[name], words)
 
     def floors(self) -> Iterator[Finding]:
         """White noise, whose spectrum is flat where that of a loop falls."""
@@ -268,8 +275,17 @@ class _Look:
             RECORDER.outlier[1], RECORDER.converter_steps * step_of(self.signals["x"]) / rms
         )
         if ratio > RECORDER.outlier[0] and share > least:
+            at = sample * self.dt
+            if any(_begins_again(signal, sample) for signal in forced):
+                words = (
+                    f"x jumps at t = {at:.4g} s, where the forcing functions begin again: several "
+                    f"runs follow one another as one; give each a column, or take one of them, for "
+                    f"example with --span 0:{at:.6g}"
+                )
+                yield Finding("appended-runs", "x", "wrong", at, "s", words)
+                return
             words = (
-                f"x jumps at {count} samples, first at t = {sample * self.dt:.4g} s of run "
+                f"x jumps at {count} samples, first at t = {at:.4g} s of run "
                 f"{run + 1}, by up to {100.0 * share:.2g} % of its rms where u + fd do not: "
                 "samples are lost or spiked; leave these parts out"
             )
@@ -329,26 +345,28 @@ class _Look:
             else:
                 yield _late("u", "fd", best.late, self.dt, MOVES)
         off = abs(best.share - 1.0)
+        least = RECORDER.errors * best.share_error
         if (
-            not noisy
-            and best.share_error < 0.05
-            and off > max(RECORDER.errors * best.share_error, RECORDER.gain)
+            not (noisy and best.left > RECORDER.exact)
+            and best.share_error < 0.05 * max(1.0, abs(best.share))
+            and off > max(least, RECORDER.gain)
         ):
-            includes = abs(best.share) < 0.1
+            if abs(best.share) <= max(least, RECORDER.no_share):
+                words = "u includes fd: x is the answer to u alone; subtract fd from u"
+                yield Finding("includes-fd", "u", "wrong", best.share, "", words)
+                return
+            factor, why = (
+                float(f"{best.share:.3g}"),
+                "the gain of fd, or that of u, is not as recorded",
+            )
+            for ratio, unit in ((180.0 / math.pi, "radians"), (math.pi / 180.0, "degrees")):
+                if abs(best.share / ratio - 1.0) <= RECORDER.unit:
+                    factor, why = ratio, f"fd is in {unit} and u is not"
             words = (
-                "u includes fd: x is the answer to u alone; subtract fd from u"
-                if includes
-                else f"x answers to u {best.share:+.3g} fd: the gain of fd, or that of u, is not "
-                f"as recorded; use --map {self.recording.scaled('fd', float(f'{best.share:.3g}'))}"
+                f"x answers to u {best.share:+.3g} fd: {why}; "
+                f"use --map {self.recording.scaled('fd', factor)}"
             )
-            yield Finding(
-                "includes-fd" if includes else "gain-differs",
-                "u",
-                "wrong" if includes else "doubt",
-                best.share,
-                "",
-                words,
-            )
+            yield Finding("gain-differs", "u", "doubt", best.share, "", words)
 
     def _answer(self, moved: float = 0.0) -> Answered | None:
         """How much later x answers than its element says, to u taken so much earlier, and fd."""
@@ -375,8 +393,9 @@ class _Look:
         answer, named = self._answer(), parsed_element(self.recording.controlled_element)
         if answer is None or not answer.error < RECORDER.told:
             return
-        late = answer.late
-        least = max(
+        late, u = answer.late, self.signals["u"]
+        noise = (step_of(u) / float(np.std(u))) ** 2 / 12.0  # of rounding, as a share of u
+        least = RECORDER.biased * noise + max(
             RECORDER.errors * answer.error, RECORDER.answer[0] * self.dt, RECORDER.answer[1]
         )
         if named is None and late < -least:
@@ -434,6 +453,13 @@ def _transform(signals: FloatArray) -> ComplexArray:
 
 def _is_stepped(signal: FloatArray) -> bool:
     return bool(np.mean(np.diff(signal, axis=1) == 0.0) > 0.5)
+
+
+def _begins_again(signal: FloatArray, sample: int) -> bool:
+    """Whether a forcing function is from a sample on what it was from the first one on."""
+    count = min(sample, signal.shape[1] - sample)
+    apart = signal[:, sample : sample + count] - signal[:, :count]
+    return bool(np.std(apart) <= RECORDER.again * np.std(signal))
 
 
 def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:

@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 
 from pilotid.recordings.arrays import NOTES, read_arrays
-from pilotid.recordings.recording import ABSENT, LEAD_IN, SIGNALS, Recording, joined, times
+from pilotid.recordings.recording import ABSENT, LEAD_IN, SIGNALS, Recording, joined
 from pilotid.recordings.roles import (
     UNEVENNESS,
-    Found,
-    Request,
-    as_runs,
-    is_level,
-    require_level,
+    Content,
+    Signals,
+    chosen_by,
+    only,
+    places_of,
     shown,
-    signal_places,
+    signals_of,
 )
 from pilotid.recordings.table import read_table
 from pilotid.recordings.windows import (
@@ -39,13 +39,8 @@ from pilotid.support.types import FloatArray, InputError
 
 TEXTS = (".csv", ".txt", ".tsv", ".dat")
 READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz")
-WRITTEN = (".csv", ".mat")
+WRITTEN = (".csv", ".mat", ".npz")
 SNAP = 1e-4  # relative: a rate this close to a whole number of hertz is that number
-#: Magnitudes that instruments and programs write where they have no value; in single precision
-#: they are a little off.
-CODES = [999.0, 9999.0, 99999.0, 999999.0, 9999999.0, 32768.0, *(10.0**n for n in range(20, 38))]
-HUGE = 1e38  # nothing that is measured is so large, but the largest numbers are so: 1e308
-APART = 5.0  # times as large as anything else in the signal
 
 
 def parse_mapping(text: str) -> dict[str, str]:
@@ -71,7 +66,7 @@ def parse_mapping(text: str) -> dict[str, str]:
                 "write for example u=stick,e=err"
             )
         mapping[signal] = name
-    signal_places(mapping)
+    places_of(mapping, ())
     return mapping
 
 
@@ -108,47 +103,61 @@ def load_recording(
     pairs = [text.partition("=") for text in parts]
     levels = {name.strip(): value.strip() for name, equals, value in pairs if equals}
     part = ".".join(name for name, equals, _ in pairs if not equals)
-    ask = Request(mapping, part, levels, dt is not None)
-    read = read_table if _suffix(file, source, READ) in TEXTS else read_arrays
+    places = places_of(mapping, ())
+    is_text = _suffix(file, source, READ) in TEXTS
+    if is_text and part:
+        raise InputError(
+            f"{source}: a table has no part {shown(part)}; choose rows by the value in a column, "
+            "as in FILE::subject=3"
+        )
     try:
         with np.errstate(all="ignore"):  # files may hold anything
-            found = read(file, source, ask)
-            recording = _assembled(found, levels, source, dt)
+            if is_text:
+                content = read_table(file, source, places["t"][1], levels)
+            else:
+                content = read_arrays(file, source, part, [name for _, name in places.values()])
+            timed = dt is not None or content.notes.dt is not None
+            signals = signals_of(content, mapping, timed=timed)
+            for name, level in {} if is_text else levels.items():
+                signals = signals._replace(values=_chosen(content, signals.values, name, level))
+            recording = _assembled(content, signals, source, dt)
     except OSError as error:
         raise InputError(
             f"{path_shown(error.filename or source)}: cannot be read ({error.strerror or error}); "
             "check the file and its rights"
         ) from error
-    return whole_periods(recording) if periods and found.notes.run_in is None else recording
+    return whole_periods(recording) if periods and content.notes.run_in is None else recording
 
 
-def _assembled(found: Found, levels: Mapping[str, str], source: str, dt: float | None) -> Recording:
+def _chosen(
+    content: Content, values: Mapping[str, FloatArray], name: str, level: str
+) -> dict[str, FloatArray]:
+    """The runs at which a variable with one value a run has the value in a text."""
+    levels: list[object] = []
+    for held in content.families[only(name, content.families, content.where)].values():
+        levels += held.ravel().tolist() if isinstance(held, np.ndarray) else [held]
+    runs = len(values["u"])
+    if len(levels) != runs:
+        raise InputError(
+            f"{content.where}: variable {shown(name)} has {len(levels)} values but there are "
+            f"{runs} runs; runs are chosen by a variable with one value a run"
+        )
+    chosen = chosen_by(levels, name, level, content.where)
+    return {s: v[chosen] if len(v) == runs else v for s, v in values.items()}
+
+
+def _assembled(content: Content, found: Signals, source: str, dt: float | None) -> Recording:
     """The recording in what was found of a file."""
-    notes = found.notes
-    t, signals = as_runs(found, source)
-    for name, there in found.levels.items():
-        runs = len(signals["u"])
-        if len(there) != runs:
-            raise InputError(
-                f"{source}: variable {shown(name)} has {len(there)} values but there are {runs} "
-                "runs; runs are chosen by a variable with one value a run"
-            )
-        require_level(source, name, levels[name], there)
-        chosen = [is_level(level, levels[name]) for level in there]
-        signals = {s: v[chosen] if len(v) == runs else v for s, v in signals.items()}
-    origin = {
-        signal: ", ".join(times(found.places[signal].factor, name) for name in own)
-        for signal, own in found.names.items()
-    }
+    notes, signals, origin = content.notes, dict(found.values), dict(found.origin)
     for name, other in (("x", "e"), ("e", "x")):
         if name not in signals and len(signals.get("ft", ())) in (1, len(signals[other])):
-            signals[name] = np.subtract(signals["ft"], signals[other], dtype=float)
+            signals[name] = signals["ft"] - signals[other]
             origin[name] = f"ft - {other}"
     if "x" not in signals:
         signals["x"] = np.zeros_like(signals["u"])
         origin["x"] = ABSENT
     said = {who: own for who, own in (("--dt", dt), ("the note dt", notes.dt)) if own is not None}
-    interval, negative = _time_base(t, found.where, said, source)
+    interval, negative = _time_base(found.time, content.place, said, source)
     run_in = negative if notes.run_in is None else round(notes.run_in / interval)
     held = {"runs": (notes.runs, len(signals["u"])), "samples of run-in": (run_in, negative)}
     for what, (own, count) in held.items():
@@ -157,20 +166,17 @@ def _assembled(found: Found, levels: Mapping[str, str], source: str, dt: float |
                 f"{source}: its notes say {own} {what} but it holds {count}; correct one of them"
             )
     own_signals: dict[str, Any] = {name: signals.pop(name, None) for name in SIGNALS}
-    recording = Recording(
+    return Recording(
         dt=interval,
         **own_signals,
         run_in=run_in,
         lines={name: tuple(lines) for name, lines in notes.lines.items()},
-        units={**{s: unit for s, unit in found.units.items() if unit and s != "t"}, **notes.units},
+        units={**found.units, **notes.units},
         source=source,
         controlled_element=notes.controlled_element,
         origin=origin,
         extra=signals,
     )
-    for name, values in recording.arrays.items():
-        refuse_codes(values, name, source)
-    return recording
 
 
 def _time_base(
@@ -212,37 +218,6 @@ def _time_base(
     return said.get("the note dt", dt), negative
 
 
-def refuse_codes(values: FloatArray, name: str, source: str) -> None:
-    """Refuse a signal in which a number stands for missing values.
-
-    Parameters
-    ----------
-    values
-        A signal, shape (runs, samples).
-    name, source
-        What it is, for messages.
-
-    Raises
-    ------
-    InputError
-        If its largest magnitude is such a code, far from all else in the signal.
-    """
-    largest = max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
-    if largest < HUGE and not np.isclose(CODES, largest, rtol=1e-6, atol=0.0).any():
-        return
-    size = np.abs(values)
-    there = size == largest
-    if APART * float(size[~there].max(initial=0.0)) >= largest or there.all():
-        return
-    run, sample = (int(i) for i in np.argwhere(there)[0])
-    count = int(np.count_nonzero(there))
-    raise InputError(
-        f"{source}: signal {name} is {values[run, sample]:g} at {count} "
-        f"sample{'s' if count > 1 else ''}, the first of them sample {sample + 1} of run "
-        f"{run + 1}: a code for missing values; repair or cut the recording there"
-    )
-
-
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Write a recording such that `load_recording` restores it to the bit.
 
@@ -251,7 +226,7 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     recording
         What to write.
     path
-        The file, .csv (a sidecar .json is written beside it) or .mat.  Each is
+        The file, .csv (a sidecar .json is written beside it), .mat or .npz.  Each is
         complete or not there: it is written under another name and then renamed.
 
     Raises
@@ -263,7 +238,8 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
 
     source = path_shown(path)
     file = Path(path)
-    is_csv = _suffix(file, source, WRITTEN) == ".csv"
+    suffix = _suffix(file, source, WRITTEN)
+    is_csv = suffix == ".csv"
     time = [f"{t:.12g}" for t in recording.time.tolist()]
     t = np.array(time, dtype=float) if is_csv else recording.time
     columns: dict[str, FloatArray] = {}
@@ -283,11 +259,15 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     }
     notes = parsed(facts, source).model_dump(exclude_defaults=True)
     if not is_csv:
-        from scipy.io import savemat  # heavy, and CSV does not need it
-
         stream = io.BytesIO()
         turned = {name: runs.T for name, runs in columns.items()}
-        savemat(stream, {"t": t[:, np.newaxis], NOTES: notes, **turned})  # type: ignore[arg-type]
+        if suffix == ".npz":
+            everything: dict[str, Any] = {"t": t, **_flat(notes, NOTES), **turned}
+            np.savez_compressed(stream, **everything)
+        else:
+            from scipy.io import savemat  # heavy, and the others do not need it
+
+            savemat(stream, {"t": t[:, np.newaxis], NOTES: notes, **turned})  # type: ignore[arg-type]
         write_file(file, stream.getvalue())
         return
     cells = [["t", *time]]
@@ -297,6 +277,15 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     text = "".join(",".join(row) + "\n" for row in zip(*cells, strict=True))
     write_file(file, text.encode())
     write_file(sidecar_path(file), f"{json.dumps(notes, indent=2, ensure_ascii=False)}\n".encode())
+
+
+def _flat(notes: Mapping[str, Any], path: str) -> dict[str, Any]:
+    """Entries of nested notes by their dotted paths."""
+    found: dict[str, Any] = {}
+    for key, entry in notes.items():
+        own = f"{path}.{key}"
+        found |= _flat(entry, own) if isinstance(entry, dict) else {own: entry}
+    return found
 
 
 def _suffix(file: Path, source: str, known: Collection[str]) -> str:

@@ -210,7 +210,11 @@ def opposed(recording: Recording) -> Remark | None:
         ("fd",): "x answers to u - fd",
         ("u", "fd"): "x answers to -u - fd",
     }[names]
-    remedy = "turn that run round" if where else f"flip with --map {recording.flipped(*names)}"
+    remedy = (
+        "turn it round in the file, or leave that run out with --runs"
+        if where
+        else f"flip with --map {recording.flipped(*names)}"
+    )
     return Remark(
         "wrong-sign",
         f"{' and '.join(names)} {'have' if len(names) > 1 else 'has'} the wrong sign{where}: "
@@ -295,8 +299,8 @@ def late(recording: Recording) -> Remark | None:
     told = None if recording.duration < ELEMENT.late_from else _at_target(recording)
     if told is None:
         return None
-    ratio = np.sum(told.output * told.control.conj(), axis=0)
-    turns = ratio[1:] * ratio[:-1].conj()
+    ratio = told.output * told.control.conj()
+    turns = np.sum(ratio[:, 1:] * ratio[:, :-1].conj(), axis=0)  # whatever the sign of a run
     if not np.abs(turns).all():
         return None
     times = np.arange(-LATEST, LATEST, 0.02)

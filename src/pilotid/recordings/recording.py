@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -31,8 +30,7 @@ SIGNALS = {
 SHORTEST = 10.0  # seconds of measurement window that an identification needs
 COARSEST = 0.1  # seconds between samples: half that rate is just above the pilot's band
 LARGEST = 1e100  # of a signal in any unit; squares and their sums must not overflow
-SMALLEST = 1e-100  # of the peak of a signal that is not zero; nor must they vanish
-FAR_OFF, LARGE_MEAN = 40, 30.0
+LARGE_MEAN = 30.0
 LEAST = 5.0  # s that must be left to score
 DT, RUN_IN = Range(1e-6, 100.0), Range(0, 10**9, True)
 LEAD, LINE = Range(0.0, 3600.0), Range(1, 10**7, True)
@@ -163,28 +161,20 @@ class Recording:
             )
 
     def _check_types(self) -> None:
-        """Numbers in their ranges, and texts and mappings that are such, as Python's own."""
-        if not isinstance(self.source, str):
-            raise InputError(f"source {self.source!r:.50}: must be a text")
-        source = printable(self.source)
-        found: dict[str, object] = {"source": source}
+        """Numbers in their ranges, and texts and mappings as Python's own."""
+        source = printable(str(self.source))
+        found: dict[str, object] = {"source": source, "treatment": tuple(self.treatment)}
         try:
             for name, known in (("dt", DT), ("run_in", RUN_IN), ("lead_in", LEAD)):
                 found[name] = in_range(getattr(self, name), known, name)
-            for name in ("lines", "units", "origin", "extra"):
-                found[name] = MappingProxyType(dict(getattr(self, name)))
-            name = "lines"
-            numbers = {k: [int(in_range(n, LINE, name)) for n in v] for k, v in self.lines.items()}
-            found[name] = MappingProxyType({k: tuple(v) for k, v in numbers.items() if v})
             for name in self.extra:
                 require_extra_name(name)
-            name = "treatment"
-            found[name] = tuple(self.treatment)
+            lines = {k: [int(in_range(n, LINE, "lines")) for n in v] for k, v in self.lines.items()}
         except InputError as error:
             raise InputError(f"{source}: {error}") from None
-        except (TypeError, ValueError):
-            given = getattr(self, name)
-            raise InputError(f"{source}: {name} {given!r:.50}: must be of another type") from None
+        found["lines"] = MappingProxyType({k: tuple(v) for k, v in lines.items() if v})
+        for name in ("units", "origin", "extra"):
+            found[name] = MappingProxyType(dict(getattr(self, name)))
         for name, value in found.items():
             object.__setattr__(self, name, value)
 
@@ -214,33 +204,15 @@ class Recording:
                 f"{self.source}: signal {name} has {array.shape[0]} runs of {array.shape[1]} "
                 f"samples but u has {shape[0]} of {shape[1]}; all must be equal"
             )
-        bad = ~np.isfinite(array)
+        bad = ~(np.abs(array) <= LARGEST)
         if bad.any():
             run, sample = (int(i) for i in np.argwhere(bad)[0])
             raise InputError(
-                f"{self.source}: signal {name} is not a number at sample {sample + 1} of run "
-                f"{run + 1}; repair or cut the recording there"
+                f"{self.source}: signal {name} is {array[run, sample]:g} at sample {sample + 1} of "
+                f"run {run + 1}; repair or cut the recording there"
             )
-        self._check_scale(name, array)
         array.flags.writeable = False
         return array
-
-    def _check_scale(self, name: str, array: FloatArray) -> None:
-        """Refuse numbers that no unit explains and with which a method cannot reckon."""
-        size = np.abs(array)
-        peaks = size.max(axis=1, initial=0.0)
-        for run in np.flatnonzero((peaks > LARGEST) | ((peaks < SMALLEST) & (peaks > 0.0))):
-            peak, sample = peaks[run], int(np.argmax(size[run]))
-            where = f"{peak:.3g} at sample {sample + 1} of run {run + 1}"
-            if peak > LARGEST:
-                raise InputError(
-                    f"{self.source}: signal {name} is {where}, too large for any unit (more than "
-                    f"{LARGEST:g}); repair or cut the recording there"
-                )
-            raise InputError(
-                f"{self.source}: signal {name} is never larger than {where}, too small for any "
-                f"unit (less than {SMALLEST:g}); give it in another unit, or as 0"
-            )
 
     @property
     def runs(self) -> int:
@@ -404,8 +376,7 @@ def joined(recordings: Iterable[Recording]) -> Recording:
     Raises
     ------
     InputError
-        If the sampling interval, length, run-in or the signals recorded differ, or if a run
-        is there twice.
+        If the sampling interval, length, run-in or the signals recorded differ.
     """
     recordings = list(recordings)
     if not recordings or not all(isinstance(own, Recording) for own in recordings):
@@ -433,8 +404,6 @@ def joined(recordings: Iterable[Recording]) -> Recording:
                     f"{first.source} ({first.units[name]}), so the two cannot be runs of one "
                     "recording"
                 )
-    _require_different_runs(recordings)
-
     every = [recording.arrays for recording in recordings]
     return first.with_arrays(
         {name: np.concatenate([own[name] for own in every]) for name in every[0]},
@@ -468,21 +437,6 @@ def _all_lines(recordings: Sequence[Recording]) -> dict[str, tuple[int, ...]]:
         if moved and all(name in r.lines for r in moved):
             found[name] = tuple(sorted({line for r in moved for line in r.lines[name]}))
     return found
-
-
-def _require_different_runs(recordings: Sequence[Recording]) -> None:
-    """Refuse a run that is there twice: it would count as twice the information."""
-    seen: dict[bytes, str] = {}
-    for recording in recordings:
-        for run, control in enumerate(recording.u):
-            place = f"run {run + 1} of {recording.source}"
-            content = control.tobytes()
-            if content in seen:
-                raise InputError(
-                    f"{place} has the same control as {seen[content]}; name every run once, since "
-                    "a copy would count as new information"
-                )
-            seen[content] = place
 
 
 def factor_of(text: str) -> tuple[float, str]:
@@ -528,10 +482,8 @@ def remembered(
 
 @remembered
 def unit_sized(recording: Recording) -> Recording:
-    """The recording as what computes takes it: signals near unit size, and without large means.
+    """The recording as what computes takes it: without means over `LARGE_MEAN` standard deviations.
 
-    All signals are multiplied by one power of 2, so that no digit changes, where the control is
-    `FAR_OFF` powers of 2 from unit size; means over `LARGE_MEAN` standard deviations are taken out.
     Other recordings stay as they are.
     """
     arrays = recording.arrays
@@ -542,12 +494,4 @@ def unit_sized(recording: Recording) -> Recording:
         large |= held.keys() & {"e", "x", "ft"}
     for name in large:
         held[name] = held[name] - means[name]
-    power = -round(math.log2(float(held["u"].std()) or 1.0))
-    if abs(power) > FAR_OFF:
-        held = {name: np.ldexp(signal, power) for name, signal in held.items()}
-    if all(held[name] is arrays[name] for name in held):
-        return recording
-    peaks = [float(np.abs(signal).max()) for signal in held.values()]
-    if not all(SMALLEST <= peak <= LARGEST for peak in peaks if peak):
-        return recording  # signals of which one is far from the others
-    return recording.with_arrays(held)
+    return recording.with_arrays(held) if large else recording

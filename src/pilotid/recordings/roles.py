@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pilotid.recordings.recording import SIGNALS, factor_of, is_unit, require_extra_name
+from pilotid.recordings.recording import SIGNALS, factor_of, is_unit, require_extra_name, times
 from pilotid.support.types import FloatArray, InputError
 
 if TYPE_CHECKING:
@@ -23,45 +22,58 @@ TIMES = {
     **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
     **dict.fromkeys(("us", "µs", "μs", "microseconds"), 1e-6),
 }
-MOST_VALUES = 2**25  # of all signals; ten minutes at 1 kHz in ten runs are 31 million
 UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*[^()0-9][^()]*|1)\))", re.DOTALL)
 
-
-class Place(NamedTuple):
-    """Where a file keeps a signal: the name, a factor, and whether the user or a note named it."""
-
-    name: str
-    factor: float = 1.0
-    chosen: bool = False
-
-    def scaled(self, values: FloatArray) -> FloatArray:
-        """Values in the unit and with the sign that the user gives them."""
-        return values if self.factor == 1.0 else np.asarray(self.factor * values)
+#: A factor and a name in the file by signal.
+Places = Mapping[str, tuple[float, str]]
+#: Columns or variables by the name that they have in common: one, or one a run.
+Families = Mapping[str, Mapping[str, Any]]
 
 
-def signal_places(mapping: Mapping[str, str] | None, extra: Iterable[str] = ()) -> dict[str, Place]:
-    """The place of every signal: the user's choice, or its own name.
+class Content(NamedTuple):
+    """What a file holds.
 
-    What is not one of `NAMES` is an extra signal.
-
-    Raises
-    ------
-    InputError
-        For what cannot be the name of a signal, or a choice that names nothing.
+    Attributes
+    ----------
+    families
+        What may be a signal.
+    parts
+        The same within structs and groups, by their names.
+    notes
+        What the file says beside the signals.
+    numbers
+        Makes an array of a column or variable, given its name and value.
+    where, kind
+        Where the names stand, and what they are names of, for messages.
+    units
+        Units by column, where they stand in a row of their own.
+    place
+        Puts the place of a sample of the time, by its index, into words.
+    runs
+        Rows of each run of a table in long format, by words for it.
+    advice
+        What to do with a file whose signals nobody can read.
     """
-    places = {signal: Place(signal) for signal in NAMES}
-    places |= {name: Place(name, chosen=True) for name in extra}
-    for signal, choice in (mapping or {}).items():
-        if signal not in NAMES:
-            require_extra_name(signal)
-        factor, name = factor_of(choice)
-        if not name or not (np.isfinite(factor) and factor):
-            raise InputError(
-                f"the mapping {signal}={choice} names nothing; write {signal}=NAME with the "
-                f"file's name for that signal, or {signal}=-3.5*NAME"
-            )
-        places[signal] = Place(name, factor, chosen=True)
-    return places
+
+    families: Families
+    parts: Mapping[str, Families]
+    notes: Sidecar
+    numbers: Callable[[str, Any], FloatArray]
+    where: str
+    kind: str
+    units: Mapping[str, str] = {}
+    place: Callable[[int], str] = lambda sample: f"sample {sample + 1} of t"
+    runs: Mapping[str, list[int]] = {}
+    advice: str = ""
+
+
+class Signals(NamedTuple):
+    """The signals of a file: time [s], values by name, shape (runs, samples), origin and unit."""
+
+    time: FloatArray | None
+    values: dict[str, FloatArray]
+    origin: dict[str, str]
+    units: dict[str, str]
 
 
 def shown(text: object) -> str:
@@ -93,194 +105,105 @@ def matching(wanted: str, names: Iterable[str]) -> list[str]:
     )
 
 
-def only(wanted: str, names: Sequence[str], where: str, kind: str) -> str:
+def only(wanted: str, names: Iterable[str], where: str) -> str:
     """The one name by which runs or rows are chosen."""
     if len(found := matching(wanted, names)) != 1:
-        raise InputError(
-            f"{where}: has no {kind} {shown(wanted)}, only {listed(names)}; choose by one of them"
-        )
+        there = f"only {listed(names)}; choose by one of them"
+        raise InputError(f"{where}: {shown(wanted)} is not there, {there}")
     return found[0]
 
 
-def is_level(value: object, wanted: str) -> bool:
-    """Whether a value in a file is the one in a text; numbers are compared as such."""
-    try:
-        return float(str(value)) == float(wanted)
-    except ValueError:
-        return str(value).strip() == wanted
+def chosen_by(values: Iterable[object], name: str, wanted: str, where: str) -> list[bool]:
+    """Which of the values of a variable or column are the one in a text, compared as numbers."""
+
+    def same(value: object) -> bool:
+        try:
+            return float(str(value)) == float(wanted)
+        except ValueError:
+            return str(value).strip() == wanted
+
+    found = [same(value) for value in values]
+    if not any(found):
+        there = dict.fromkeys(f"{v:g}" if isinstance(v, float) else str(v) for v in values)
+        what = f"no run has {shown(name)} = {shown(wanted)}"
+        raise InputError(f"{where}: {what}; there are {listed(there)}")
+    return found
 
 
-def require_level(source: str, name: str, wanted: str, there: Iterable[object]) -> None:
-    """Refuse a value by which runs are chosen and that no run has."""
-    values = {f"{v:.12g}" if isinstance(v, float) else str(v).strip(): v for v in there}
-    if not any(is_level(value, wanted) for value in values.values()):
-        raise InputError(
-            f"{source}: no run has {shown(name)} = {shown(wanted)}; there are {listed(values)}"
-        )
-
-
-def _absent(places: Mapping[str, Place], found: Mapping[str, object], *, timed: bool) -> list[str]:
-    """The signals that a file lacks and must have.
-
-    Time may follow from a sampling interval (`timed`); e and x follow from one another and the
-    target, and x is needed by channels of motion alone.
-    """
-    needed = {s for s, place in places.items() if place.chosen} | {"u"}
-    needed |= set() if timed else {"t"}
-    needed |= set() if {"ft", "x"} <= found.keys() else {"e"}
-    lacking = [s for s in places if s in needed - found.keys()]
-    # With others missing, a user who must name them should hear of this one as well.
-    tells = bool(lacking) and not {*found, *lacking} & {"x", "ft"}
-    return lacking + ["x"] * tells
-
-
-def resolved(
-    places: Mapping[str, Place], names: Sequence[str], where: str, kind: str, *, timed: bool
-) -> dict[str, str]:
-    """The name of each signal that a file has.
-
-    Parameters
-    ----------
-    places
-        Where signals are looked for.
-    names
-        Those in the file; ``data.u`` is u inside the struct data.
-    where, kind
-        Where the names stand, and what they stand for, in messages.
-    timed
-        Whether the sampling interval is known.
+def places_of(mapping: Mapping[str, str] | None, extra: Iterable[str]) -> Places:
+    """A factor and a name in the file by signal; what is not one of `NAMES` is an extra signal.
 
     Raises
     ------
     InputError
-        If a signal is lacking that must be there, or may be any of several.
+        For what cannot be the name of a signal, or a choice that names nothing.
     """
-    lacking = partial(_absent, places, timed=timed)
-    found = {s: own for s, place in places.items() if (own := matching(place.name, names))}
-    if kind == "variable" and (lacking(found) or "x" not in found):
-        found |= _inside(places, found, names, where, lacking)
-    if absent := lacking(found):
-        what = ", ".join(
-            f"{shown(places[s].name)} for {s} ({NAMES.get(s, 'extra signal')})" for s in absent
-        )
-        picks = ",".join(f"{s}={kind.upper()}" for s in absent)
-        advice = ", or for want of t give --dt 0.01, say" * ("t" in absent)
-        raise InputError(
-            f"{where}: has no {kind} {what}, only {listed(names)}; name the right one with --map "
-            f"{picks}{advice}"
-        )
-    for signal, own in found.items():
-        if len(own) > 1:
+    places = {name: (1.0, name) for name in (*NAMES, *extra)}
+    for signal, choice in (mapping or {}).items():
+        if signal not in NAMES:
+            require_extra_name(signal)
+        factor, name = places[signal] = factor_of(choice)
+        if not name or not (np.isfinite(factor) and factor):
             raise InputError(
-                f"{where}: has {listed(own)}, any of which may be {signal}; pick one, as in --map "
-                f"{signal}={own[0]}"
+                f"the mapping {signal}={choice} names nothing; write {signal}=NAME or "
+                f"{signal}=-3.5*NAME with the file's name for that signal"
             )
-    return {signal: own[0] for signal, own in found.items()}
+    return places
 
 
-def _inside(
-    places: Mapping[str, Place],
-    found: Mapping[str, list[str]],
-    names: Sequence[str],
-    where: str,
-    lacking: Callable[[Mapping[str, object]], list[str]],
-) -> dict[str, list[str]]:
-    """The names of further signals in the one struct that holds all that is needed."""
-    structs: dict[str, dict[str, list[str]]] = {}
-    for name in names:
-        root, *path = name.split(".")
-        for start in range(len(path)):
-            structs.setdefault(root, {}).setdefault(".".join(path[start:]), []).append(name)
-    inside = {
-        root: {
-            signal: [name for key in keys for name in ends[key]]
-            for signal, place in places.items()
-            if signal not in found and (keys := matching(place.name, ends))
-        }
-        for root, ends in structs.items()
-    }
-    holding = [root for root in inside if inside[root] and not lacking({**found, **inside[root]})]
-    holding = [root for root in holding if "x" in inside[root]] or holding
-    if len(holding) > 1:
-        raise InputError(
-            f"{where}: the structs {listed(holding)} all hold {listed(inside[holding[0]])}; pick "
-            f"one, as in {where}::{holding[0]}"
-        )
-    return inside[holding[0]] if holding else {}
-
-
-class Request(NamedTuple):
-    """What is wanted of a file.
-
-    Attributes
-    ----------
-    mapping
-        The file's names of signals; None for our own.
-    part
-        Name of the struct, group or cell that holds the recording; empty for all.
-    levels
-        Values of variables or columns by whose values runs are chosen.
-    timed
-        Whether the sampling interval is known, so that no times are needed.
-    """
-
-    mapping: Mapping[str, str] | None
-    part: str
-    levels: Mapping[str, str]
-    timed: bool
-
-
-#: The arrays of a signal by what they are called in messages: one, or one a run.
-Pieces = Mapping[str, FloatArray]
-
-
-class Found(NamedTuple):
-    """What was found of it.
-
-    Attributes
-    ----------
-    pieces, names, units, places
-        By signal its arrays, its names in the file, its unit if one is said, and where it was
-        looked for.
-    notes
-        What the file says beside the signals.
-    where
-        Puts the place of a sample of the time, by its index, into words.
-    levels
-        Values by run of variables by which runs are chosen.
-    """
-
-    pieces: Mapping[str, Pieces]
-    names: Mapping[str, Iterable[str]]
-    units: Mapping[str, str]
-    places: Mapping[str, Place]
-    notes: Sidecar
-    where: Callable[[int], str]
-    levels: Mapping[str, list[object]] = {}
-
-
-def as_runs(found: Found, source: str) -> tuple[FloatArray | None, dict[str, FloatArray]]:
-    """The time [s], shape (samples,), if there is one, and signals with one row a run.
+def signals_of(content: Content, mapping: Mapping[str, str] | None, *, timed: bool) -> Signals:
+    """The signals of a file.
 
     The number of samples tells rows from columns; where both fit, a column is a run.
 
+    Parameters
+    ----------
+    content
+        What the file holds.
+    mapping
+        The file's names of signals; None for our own.
+    timed
+        Whether the sampling interval is known, so that no times are needed.
+
     Raises
     ------
     InputError
-        If arrays differ in length, or runs in their times.
+        If a signal is lacking or may be any of several, or if runs or arrays are unlike.
     """
-    unit = found.units.get("t", "").casefold()
+    places = places_of(mapping, content.notes.extra)
+    chosen = {*(mapping or {}), *content.notes.extra}
+    source = content.where.partition(": line")[0]
+    families, names = _resolved(content, places, chosen, timed=timed)
+    pieces: dict[str, dict[str, FloatArray]] = {}
+    origin, units = {}, {}
+    for signal, name in names.items():
+        factor, members = places[signal][0], families[name]
+        if content.kind == "column":
+            members = _columns(members, signal, content.where, name if signal in chosen else "")
+        arrays = {f"{content.kind} {n}": content.numbers(n, v) for n, v in members.items()}
+        if content.runs:
+            arrays = {
+                words: values[rows]
+                for values in arrays.values()
+                for words, rows in content.runs.items()
+            }
+        pieces[signal] = arrays
+        first = next(iter(members))
+        units[signal] = bare(first)[1] or content.units.get(first, "")
+        known = members if content.kind == "column" else dict.fromkeys(map(family_of, members))
+        origin[signal] = ", ".join(times(factor, n) for n in known)
+    unit = units.pop("t", "").casefold()
     if unit not in TIMES:
         raise InputError(
             f"{source}: the unit of the time is {shown(unit)}; give the time in s, ms or us"
         )
-    time = _common_time(found.pieces["t"], source) if "t" in found.pieces else None
+    time = _common_time(pieces.pop("t"), source) if "t" in pieces else None
     # Recordings have more samples than runs.
-    samples = max(next(iter(found.pieces["u"].values())).shape) if time is None else time.size
-    signals: dict[str, FloatArray] = {}
-    for signal in [signal for signal in found.pieces if signal != "t"]:
+    samples = max(next(iter(pieces["u"].values())).shape) if time is None else time.size
+    values = {}
+    for signal, arrays in pieces.items():
         rows = []
-        for name, array in found.pieces[signal].items():
+        for name, array in arrays.items():
             table = array[:, np.newaxis] if array.ndim == 1 else array
             if table.ndim > 2 or samples not in table.shape:
                 raise InputError(
@@ -289,19 +212,88 @@ def as_runs(found: Found, source: str) -> tuple[FloatArray | None, dict[str, Flo
                     "at one length, one column a run"
                 )
             rows.append(table.T if len(table) == samples else table)
-        signals[signal] = found.places[signal].scaled(np.concatenate(rows))
-    if sum(values.size for values in signals.values()) > MOST_VALUES:
+        factor = places[signal][0]
+        joined = np.concatenate(rows)
+        values[signal] = joined if factor == 1.0 else factor * joined
+    if time is not None:
+        time = (time if places["t"][0] == 1.0 else places["t"][0] * time) * TIMES[unit]
+    return Signals(time, values, origin, {s: u for s, u in units.items() if u})
+
+
+def _columns(members: Mapping[str, Any], signal: str, where: str, chosen: str) -> Mapping[str, Any]:
+    """The columns of a signal: the one that was chosen, or all, which number runs from 1."""
+    if chosen in members:
+        return {chosen: members[chosen]}
+    names = sorted(members, key=lambda name: (len(bare(name)[0]), bare(name)[0]))
+    runs = [bare(name)[0].rpartition("_")[2] for name in names]
+    if len(names) > 1 and runs != [str(n + 1) for n in range(len(names))]:
         raise InputError(
-            f"{source}: holds more than {MOST_VALUES} values, too many for a recording; thin it "
-            "out in time or leave runs out"
+            f"{where}: has the columns {listed(names)}, any of which may be {signal}; pick one, as "
+            f"in --map {signal}={names[0]}, or number runs from 1 without a gap"
         )
-    return None if time is None else found.places["t"].scaled(time) * TIMES[unit], signals
+    return {name: members[name] for name in names}
 
 
-def _common_time(times: Pieces, source: str) -> FloatArray:
+def family_of(name: str) -> str:
+    """The name that the members of an array have in common: ``data(2).u`` is of ``data.u``."""
+    return re.sub(r"\([0-9]+\)|\{[0-9]+\}", "", name)
+
+
+def _resolved(
+    content: Content, places: Places, chosen: set[str], *, timed: bool
+) -> tuple[Families, dict[str, str]]:
+    """The families of a file, or of the one part that holds all signals, and each signal's name."""
+
+    def found_in(families: Families) -> dict[str, list[str]]:
+        every = {s: matching(name, families) for s, (_, name) in places.items()}
+        return {signal: names for signal, names in every.items() if names}
+
+    def lacking(found: Mapping[str, object]) -> list[str]:
+        # Time may follow from a sampling interval; e and x from one another and the target.
+        needed = chosen | {"u"} | ({"t"} if not timed else set())
+        needed |= set() if {"ft", "x"} <= found.keys() else {"e"}
+        absent = [signal for signal in places if signal in needed - found.keys()]
+        # With others missing, a user who must name them should hear of this one as well.
+        return absent + ["x"] * (bool(absent) and not {*found, *absent} & {"x", "ft"})
+
+    families, found = content.families, found_in(content.families)
+    if lacking(found) or "x" not in found:
+        views = {part: found_in(view) for part, view in content.parts.items()}
+        holding = {part: view for part, view in views.items() if not lacking(view)}
+        holding = {p: v for p, v in holding.items() if "x" in v} or holding
+        if len(holding) > 1 and lacking(found):
+            raise InputError(
+                f"{content.where}: the structs {listed(holding)} all hold signals; pick one, as in "
+                f"{content.where}::{next(iter(holding))}"
+            )
+        if len(holding) == 1:
+            ((part, found),) = holding.items()
+            families = content.parts[part]
+    if (absent := lacking(found)) and content.advice:
+        raise InputError(f"{content.where}: {content.advice}")
+    if absent:
+        what = ", ".join(
+            f"{shown(places[s][1])} for {s} ({NAMES.get(s, 'extra signal')})" for s in absent
+        )
+        picks = ",".join(f"{s}={content.kind.upper()}" for s in absent)
+        advice = ", or for want of t give --dt 0.01, say" * ("t" in absent)
+        raise InputError(
+            f"{content.where}: has no {content.kind} {what}, only {listed(content.families)}; name "
+            f"the right one with --map {picks}{advice}"
+        )
+    for signal, names in found.items():
+        if len(names) > 1:
+            raise InputError(
+                f"{content.where}: has {listed(names)}, any of which may be {signal}; pick one, as "
+                f"in --map {signal}={names[0]}"
+            )
+    return families, {signal: names[0] for signal, names in found.items()}
+
+
+def _common_time(pieces: Mapping[str, FloatArray], source: str) -> FloatArray:
     """The time that all runs have in common."""
     rows = []
-    for name, array in times.items():
+    for name, array in pieces.items():
         table = array if array.ndim > 1 and len(array) < array.shape[1] else array.T
         rows += [(name, t.astype(float).ravel()) for t in (table if table.ndim > 1 else [table])]
     name, first = rows[0]

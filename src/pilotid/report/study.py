@@ -335,12 +335,14 @@ OWN_FACTS = ("format", "seed", "code")
 
 def command(study: Comparison) -> str:
     """What to type for the whole study."""
-    methods = [entry.typed or own for own, entry in study.methods.items()]
+    entries = study.methods.items()
+    methods = [e.typed or own for own, e in entries if "estimates" not in e.settings]
+    imported = dict.fromkeys(f"{e.typed} " for _, e in entries if "estimates" in e.settings)
     names = dict.fromkeys(entry.typed or name for name, entry in study.scenarios.items())
     return (
         f"pilotid compare --scenario {quote(','.join(names))} --method {quote(','.join(methods))} "
         f"--replications {study.replications()} --seed {study.about.get('seed', '?')} "
-        f"--out results/compare"
+        f"{''.join(imported)}--out results/compare"
     )
 
 

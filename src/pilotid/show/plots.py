@@ -104,11 +104,9 @@ def response_figure(
     channels = estimates[0].model.channels
     with journal_figure(4.2) as figure:
         panels = figure.subplots(2, len(channels), sharex=True, squeeze=False, height_ratios=(3, 2))
-        for channel, pair in zip(channels, panels.T, strict=True):
-            describing_function(
-                *estimates, channel=channel.name, truth=truth, points=points, units=units,
-                axes=tuple(pair),
-            )  # fmt: skip
+        describing_function(
+            *estimates, truth=truth, points=points, units=units, axes=[*panels.T.ravel()]
+        )
         figure.align_ylabels()
         _legend_above(figure)
     return figure

@@ -14,6 +14,7 @@ from pilotid.estimates.parts import FrequencyResponse
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.loops import Margin, loop_slopes, margins, open_loops
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
 from pilotid.show.style import (
     INK,
     Dash,
@@ -22,6 +23,7 @@ from pilotid.show.style import (
     legend,
     log_ticks,
     named,
+    new_columns,
     new_pair,
     ratio_unit,
     with_unit,
@@ -50,11 +52,11 @@ def describing_function(
     *estimates: Estimate,
     channel: str | None = None,
     truth: FloatArray | None = None,
-    points: FrequencyResponse | None = None,
+    points: FrequencyResponse | Recording | None = None,
     units: Mapping[str, str] = NO_UNITS,
-    axes: tuple[Axes, Axes] | None = None,
-) -> tuple[Axes, Axes]:
-    """A channel's frequency response: the model's with its 95 % band, a first step's as points.
+    axes: Sequence[Axes] | None = None,
+) -> tuple[Axes, ...]:
+    """Frequency responses of the channels: the model's with 95 % bands, a first step's as points.
 
     Bands follow from the covariance of the parameters to first order, for the logarithm of
     the magnitude and for the phase; bars of points hold 95 %, too.  Of more than four estimates
@@ -65,17 +67,22 @@ def describing_function(
     estimates
         At least one estimate.
     channel
-        Name of the channel; None for the model's first.
+        Name of a channel; None for all of the first estimate's model.
     truth
         True parameters of a simulation, in the order of the first estimate's model, shape
         (parameters,).
     points
-        An estimate of the responses without a model of the pilot, such as
-        ``Fourier().first_step(recording, model)``, to be drawn behind the estimates.
+        The recording, whose Fourier coefficients are drawn behind the estimates, or responses
+        without a model of the pilot, such as ``Fourier().first_step(recording, model)``.
     units
         Of the recording's signals, for the label of the magnitude.
     axes
-        Of magnitude and phase; None makes a new figure by pyplot.
+        Magnitude and phase of each channel in turn; a pair has one channel, the first unless
+        `channel` names it.  None makes a new figure by pyplot.
+
+    Returns
+    -------
+    The axes, magnitude and phase of each channel in turn.
 
     Raises
     ------
@@ -84,7 +91,27 @@ def describing_function(
     """
     if not estimates:
         raise InputError("name at least one estimate whose describing function is to be drawn")
-    axes = axes or new_pair()
+    names = [channel] if channel else [c.name for c in estimates[0].model.channels]
+    for name in names:
+        _channel(estimates[0], name)
+    axes = axes or new_columns(len(names))
+    if isinstance(points, Recording):
+        from pilotid.methods.fourier import first_step_of
+
+        points, units = first_step_of(points, estimates[0].model), units or points.units
+    for name, above, below in zip(names, axes[::2], axes[1::2], strict=False):
+        _draw_channel(estimates, name, truth, points, units, (above, below))
+    return tuple(axes)
+
+
+def _draw_channel(
+    estimates: Sequence[Estimate],
+    channel: str,
+    truth: FloatArray | None,
+    points: FrequencyResponse | None,
+    units: Mapping[str, str],
+    axes: tuple[Axes, Axes],
+) -> None:
     bode = Bode(axes, np.geomspace(*_shown(estimates, points), POINTS))
     several = leading(estimates) if len(estimates) > BANDS else None
     first: ComplexArray | None = None
@@ -124,7 +151,6 @@ def describing_function(
     magnitude = f"magnitude |u/{drawn.on}|"
     axes[0].set_ylabel(with_unit(magnitude, ratio_unit(units, drawn.on)))
     legend(axes[0])
-    return axes
 
 
 def open_loop(
@@ -225,11 +251,9 @@ def _shown(estimates: Sequence[Estimate], points: FrequencyResponse | None) -> t
     return float(0.8 * every.min()), float(1.25 * every.max())
 
 
-def _channel(estimate: Estimate, name: str | None) -> int:
+def _channel(estimate: Estimate, name: str) -> int:
     """Index of a channel by its name."""
     names = [c.name for c in estimate.model.channels]
-    if name is None:
-        return 0
     if name not in names:
         raise InputError(
             f"model {estimate.model.name} has no channel {name}: choose from {', '.join(names)}"

@@ -215,11 +215,18 @@ def new_axes(height: float = 3.0, width: float = 7.6) -> Axes:
     return pyplot.subplots(figsize=(width, height), layout="constrained")[1]
 
 
-def new_pair() -> tuple[Axes, Axes]:
-    """Axes of magnitude and phase in a new figure by pyplot."""
+def new_columns(count: int) -> list[Axes]:
+    """Axes of magnitude and phase, so many columns in turn, in a new figure by pyplot."""
     from matplotlib import pyplot
 
-    _, (above, below) = pyplot.subplots(
-        2, 1, sharex=True, height_ratios=(3, 2), figsize=(6.0, 5.0), layout="constrained"
-    )
+    _, axes = pyplot.subplots(
+        *(2, count), sharex=True, height_ratios=(3, 2), squeeze=False,
+        figsize=(2.0 + 4.0 * count, 5.0), layout="constrained",
+    )  # fmt: skip
+    return [*axes.T.ravel()]
+
+
+def new_pair() -> tuple[Axes, Axes]:
+    """Axes of magnitude and phase in a new figure by pyplot."""
+    above, below = new_columns(1)
     return above, below

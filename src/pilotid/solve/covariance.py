@@ -15,8 +15,6 @@ from pilotid.support.types import BoolArray, FloatArray
 
 #: Ratio of the smallest to the largest eigenvalue below which rounding decides.
 SINGULAR = 1e-13
-#: Directions of which a segment knows less than this share of the average do not count.
-LEAST_KNOWN = 1e-4
 
 
 def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
@@ -136,15 +134,14 @@ def score_products(rows: FloatArray, reach: int) -> FloatArray:
         Longest lag [samples].
     """
     scores = rows[:-1] * rows[-1]
-    length = scores.shape[2] + reach
-    lag = np.arange(length // 2 + 1)
-    share = np.minimum(lag / (reach + 1.0), 1.0)
+    half = (scores.shape[2] + reach + 1) // 2
+    share = np.minimum(np.arange(half + 1) / (reach + 1.0), 1.0)
     window = np.where(share < 0.5, 1.0 - 6.0 * share**2 + 6.0 * share**3, 2.0 * (1.0 - share) ** 3)
-    circle = np.concatenate([window, window[1 : (length + 1) // 2][::-1]])
-    spectra = np.fft.fft(scores, n=length)
-    smoothing = np.fft.fft(circle).real
+    smoothing = np.fft.hfft(window, n=2 * half)[: half + 1]
+    smoothing[1:-1] *= 2.0  # bins stand for two, but for the first and the last
+    spectra = np.fft.rfft(scores, n=2 * half)
     products = np.einsum("prn,qrn,n->pq", spectra, spectra.conj(), smoothing, optimize=True)
-    return np.asarray(products.real / length)
+    return np.asarray(products.real / (2 * half))
 
 
 def score_dispersion(rows: FloatArray, estimated: int, length: int) -> tuple[float, int]:
@@ -179,7 +176,8 @@ def score_dispersion(rows: FloatArray, estimated: int, length: int) -> tuple[flo
     scores -= information @ share
     sizes, directions = np.linalg.eigh(information)
     along = np.einsum("kpq,kp->kq", directions, scores)
-    told = sizes > LEAST_KNOWN * whole.shape[2]  # the mean of the diagonal is one a sample
+    # The mean of the diagonal is one a sample: what is known next to nothing of does not count.
+    told = sizes > 1e-4 * whole.shape[2]
     variance = float(np.mean(errors**2))
     statistic = float(np.sum(along[told] ** 2 / sizes[told])) / (variance or 1.0)
     return statistic, int(np.count_nonzero(told)) - int(np.count_nonzero(known))

@@ -84,15 +84,6 @@ def find_profile_end(
     return point, cost
 
 
-#: A point that lies beyond an end by more than this share of the interval's length, on the inner
-#: scale, is walked on from.
-OUTSIDE_SHARE = 0.1
-#: How often, over all parameters; each round goes on where the one before has come to.
-EXTENSION_ROUNDS = 3
-#: Length of the first step, as a share of the interval's.
-FIRST_STEP_SHARE = 0.1
-
-
 def extend_intervals(
     gram: Gram,
     box: Box,
@@ -123,14 +114,15 @@ def extend_intervals(
     -------
     Intervals, shape (count, 2).
     """
-    for _ in range(EXTENSION_ROUNDS):
+    for _ in range(3):  # each round goes on where the one before has come to
         # What suits one parameter may not suit another whose level is lower.
         suits = np.array(costs)[:, None] <= targets
         own = np.where(suits, np.array(points)[:, : len(known)], np.nan)
         hull = np.stack([np.nanmin(own, axis=0), np.nanmax(own, axis=0)], axis=1)
         length = np.diff(known, axis=1)[:, 0]
         sides = np.array([-1.0, 1.0])
-        beyond = (hull - known) * sides > OUTSIDE_SHARE * length[:, None]
+        # What lies beyond an end by a tenth of the length, on the inner scale, is walked on from.
+        beyond = (hull - known) * sides > 0.1 * length[:, None]
         known = np.stack(
             [np.minimum(known[:, 0], hull[:, 0]), np.maximum(known[:, 1], hull[:, 1])], axis=1
         )
@@ -138,18 +130,13 @@ def extend_intervals(
             break
         for k, side in np.argwhere(beyond).tolist():
             at = int(np.nanargmax(sides[side] * own[:, k]))
-            step = sides[side] * max(FIRST_STEP_SHARE * float(known[k, 1] - known[k, 0]), 1e-9)
+            step = sides[side] * max(0.1 * float(known[k, 1] - known[k, 0]), 1e-9)
             start = points[at], costs[at]
             point, cost = find_profile_end(gram, box, *start, lowest, float(targets[k]), k, step)
             known[k, side] = point[k]
             points.append(point)
             costs.append(cost)
     return known
-
-
-LONGEST_STEP = 1.0  # standard errors an iteration may move the profiled parameter
-FIRST_STEP = 1.5  # the same of the first one, in lengths of the quadratic interval
-BETTER_DEVIANCE = 0.2  # deviance by which a point must be lower than the minimum to take its place
 
 
 class Profile(NamedTuple):
@@ -232,7 +219,7 @@ def profile_intervals(
     # On the ridge of the quadratic approximation.
     points = np.repeat(best, 2 * count, axis=0)
     grams = np.repeat(optimum_gram, 2 * count, axis=0)
-    longest = FIRST_STEP * np.sqrt(sought) * error[which]
+    longest = 1.5 * np.sqrt(sought) * error[which]
     blocked = _blocked(grams, points, lower, upper)
     ridge, _ = _step(grams, blocked, which, side, longest, target)
     points = np.clip(points + ridge, lower, upper)
@@ -247,13 +234,14 @@ def profile_intervals(
         k, direction = which[active], side[active]
         blocked = _blocked(grams, points[active], lower, upper)
         goal = target[active]
-        step, off = _step(grams, blocked, k, direction, LONGEST_STEP * error[k], goal)
-        deviance_off = np.abs(grams[:, -1, -1] - goal) / variance
+        # No step is longer than a standard error.
+        step, off = _step(grams, blocked, k, direction, error[k], goal)
+        deviance_off = np.abs(grams[:, -1, -1] - goal)
         at_bound = (points[active, k] <= lower[k]) & (direction < 0)
         at_bound |= (points[active, k] >= upper[k]) & (direction > 0)
         # A bound that was overshot to, where the deviance is too high, is left again.
         at_bound &= step[np.arange(len(k)), k] * direction >= 0.0
-        reached = (deviance_off < tolerance) & (off < tolerance * variance)
+        reached = np.maximum(deviance_off, off) < tolerance * variance
         found[active] = reached | (at_bound & (costs <= goal))
         done = reached | at_bound
         moved = np.clip(points[active] + step, lower, upper)
@@ -264,7 +252,7 @@ def profile_intervals(
     # Where the likelihood has another summit the search may end on its side.
     found &= (points[np.arange(2 * count), which] - best[0, which]) * side >= 0.0
     ends = points[np.arange(2 * count), which]
-    least = lowest - BETTER_DEVIANCE * variance
+    least = lowest - 0.2 * variance  # what is lower takes the minimum's place
     known = ends.reshape(2, count).T
     if not np.nanmin(reached_costs) < least:
         for i in np.flatnonzero(~found):

@@ -57,17 +57,6 @@ class LogTransform:
         return np.concatenate([self.slope(values), np.ones((len(values), 1))], axis=1)
 
 
-#: Longest step of a positive parameter, on its logarithmic scale: a gain that is
-#: extrapolated towards zero would not come back.
-LONGEST_LOG_STEP = 1.0
-
-#: Damping of the first step, in shares of the diagonal of the Hessian.
-FIRST_DAMPING = 1e-3
-
-#: Pivots of a Hessian with a unit diagonal from which on it is solved as it is: no eigenvalue is
-#: negative, nor so small that rounding decides.
-LEAST_PIVOT = 1e-6
-
 BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor's cache
 
 #: Maps parameter sets (sets, p) to Gram matrices (sets, p + 1, p + 1), see `Problem.gram`.
@@ -90,7 +79,6 @@ class Problem(Protocol):
     @property
     def residuals(self) -> int:
         """Number of independent residuals."""
-        ...
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Jacobian of the prediction, and below it the residual.
@@ -105,7 +93,6 @@ class Problem(Protocol):
         FloatArray
             Shape (sets, parameters + 1, ...).
         """
-        ...
 
     def gram(self, values: FloatArray) -> FloatArray:
         """Inner products of the rows, shape (sets, parameters + 1, parameters + 1).
@@ -148,17 +135,14 @@ class Bounds(Protocol):
     @property
     def lower(self) -> FloatArray:
         """Lower bounds, shape (parameters,)."""
-        ...
 
     @property
     def upper(self) -> FloatArray:
         """Upper bounds, shape (parameters,)."""
-        ...
 
     @property
     def positive(self) -> BoolArray:
         """Which parameters move on a logarithmic scale, shape (parameters,)."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,7 +270,8 @@ def minimise(
     """
     scale = LogTransform(space.positive)
     lower, upper = scale.enter(space.lower), scale.enter(space.upper)
-    longest = np.where(space.positive, LONGEST_LOG_STEP, 0.25 * (space.upper - space.lower))
+    # A gain that is extrapolated towards zero would not come back.
+    longest = np.where(space.positive, 1.0, 0.25 * (space.upper - space.lower))
 
     def inner_gram(points: FloatArray) -> FloatArray:
         own = scale.leave(points)
@@ -300,7 +285,7 @@ def minimise(
         values = scale.enter(np.clip(starts, space.lower, space.upper))
         grams = inner_gram(values)
         curvature = np.zeros_like(grams[:, :-1, :-1])
-    damping = np.full(len(values), FIRST_DAMPING)
+    damping = np.full(len(values), 1e-3)  # in shares of the diagonal of the Hessian
     converged = np.zeros(len(values), dtype=bool)
     going, count = np.arange(len(values)), 1
     while going.size and count < iterations:
@@ -379,7 +364,7 @@ def _solved(
         pivots = np.diagonal(np.linalg.cholesky(matrix), axis1=1, axis2=2)
     except np.linalg.LinAlgError:
         pivots = np.zeros(1)
-    if pivots.min() > LEAST_PIVOT:
+    if pivots.min() > 1e-6:  # no eigenvalue is negative, nor so small that rounding decides
         both = np.empty((2, *matrix.shape))
         both[1] = matrix
         np.add(matrix, damping[:, None, None] * np.eye(right.shape[1]), out=both[0])

@@ -16,17 +16,14 @@ class SearchSpace(Bounds, Protocol):
     @property
     def start(self) -> FloatArray:
         """Default start, shape (parameters,)."""
-        ...
 
     @property
     def usual(self) -> FloatArray:
         """Ends of the ranges that random starts are drawn from, shape (2, parameters)."""
-        ...
 
     @property
     def linear(self) -> tuple[int, ...]:
         """Indices of the parameters that the residual is linear in."""
-        ...
 
 
 def search(
@@ -86,11 +83,6 @@ def draw_starts(space: SearchSpace, rng: np.random.Generator, count: int) -> Flo
     return np.asarray(drawn)
 
 
-#: How far evolution looks: positive parameters are below and above their usual range by this
-#: factor, the range of others is as many times as wide.
-WIDENED_RANGE = 2.0
-
-
 def evolve(
     gram: Gram,
     space: SearchSpace,
@@ -121,18 +113,20 @@ def evolve(
     tolerance
         Passed to `minimise`.
     """
-    scale = LogTransform(space.positive)
-    low, high = (scale.enter(ends) for ends in _widened(space))
-    free = [i for i in range(len(low)) if i not in space.linear]
+    free = [i for i in range(len(space.start)) if i not in space.linear]
+    scale = LogTransform(space.positive[free])
+    low, high = space.usual
+    # Below and above their usual range by a factor of 2; the range of others is twice as wide.
+    beyond = 0.5 * (high - low)
+    low = np.maximum(np.where(space.positive, low / 2.0, low - beyond), space.lower)
+    high = np.minimum(np.where(space.positive, high * 2.0, high + beyond), space.upper)
     # Where a gain would have to be negative, a tenth of this is taken for it.
     base = np.where(space.positive, 10.0 * space.lower, 0.0)
 
     def solved(points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Whole parameter sets for evolving ones, shape (sets, free), and their costs."""
         values = np.tile(base, (len(points), 1))
-        inner = np.tile(low, (len(points), 1))
-        inner[:, free] = points
-        values[:, free] = scale.leave(inner)[:, free]
+        values[:, free] = scale.leave(points)
         grams = gram(values)
         if not space.linear:
             return values, grams[:, -1, -1]
@@ -149,7 +143,7 @@ def evolve(
 
         best = differential_evolution(
             cost,
-            Box(low[free], high[free]),
+            Box(scale.enter(low[free]), scale.enter(high[free])),
             popsize=population,
             maxiter=generations,
             polish=False,
@@ -158,12 +152,3 @@ def evolve(
             seed=rng,
         ).x
     return minimise(gram, solved(best[None])[0], space, tolerance=tolerance)
-
-
-def _widened(space: SearchSpace) -> FloatArray:
-    """Lower and upper ends of the usual ranges made wider, shape (2, parameters)."""
-    low, high = space.usual
-    beyond = 0.5 * (WIDENED_RANGE - 1.0) * (high - low)
-    low = np.where(space.positive, low / WIDENED_RANGE, low - beyond)
-    high = np.where(space.positive, high * WIDENED_RANGE, high + beyond)
-    return np.array([np.maximum(low, space.lower), np.minimum(high, space.upper)])

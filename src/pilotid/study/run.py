@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -80,27 +81,35 @@ def run_task(task: Task) -> Fit:
             excess_of(method, recording, estimate, scenario) if drawn else None,
             told(remarks_of(origin, seed, shown), estimate),
         )
-        return with_truth(ended, scenario, estimate)
+        found = {q.key: (q.value, q.std_error, q.lower, q.upper) for q in estimate.parameters}
+        return with_truth(ended, scenario, found)
     except MemoryError as error:
         return Fit(*key, Outcome.OUT_OF_MEMORY.slug, one_line(str(error)))
     except BaseException as error:  # an interruption too: the user's go to another process
         return Fit(*key, Outcome.CRASHED.slug, one_line(reason(error)))
 
 
-def with_truth(fit: Fit, scenario: Scenario, estimate: Estimate | None = None) -> Fit:
-    """A fit with what its recording was drawn from, beside what the estimate says, if any.
+def with_truth(
+    fit: Fit, scenario: Scenario, found: Mapping[str, Sequence[float]] | None = None
+) -> Fit:
+    """A fit with what its recording was drawn from, beside what was estimated, if anything.
+
+    Parameters
+    ----------
+    fit, scenario
+        The fit, and the scenario of its replication.
+    found
+        Value, standard error and ends of the interval of each parameter.
 
     Raises
     ------
     InputError
         If no bounds can be given, for example because the loop is unstable.
     """
-    found = {} if estimate is None else {q.key: q for q in estimate.parameters}
     rows = []
     for known in truths_of(scenario):
-        q = found.get(known[0])
-        value, error, *ends = (q.value, q.std_error, q.lower, q.upper) if q else (math.nan,) * 4
-        rows.append((*known, number(value), number(error), number(ends[0]), number(ends[1])))
+        value, error, low, high = map(number, (found or {}).get(known[0], (math.nan,) * 4))
+        rows.append((*known, value, error, low, high))
     model, facts = scenario.model.name, facts_of(scenario)
     return replace(fit, model=model, facts=facts, estimates=tuple(rows))
 

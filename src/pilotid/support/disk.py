@@ -9,7 +9,6 @@ import math
 import os
 import stat
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,19 +42,13 @@ def require_file(path: Path, most: int) -> None:
             f"{source}: there is no such file; check the name and the folder"
         ) from None
     except (OSError, ValueError) as error:
-        raise InputError(
-            f"{source}: cannot be read ({getattr(error, 'strerror', None) or error}); check the "
-            "name and the rights"
-        ) from None
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"{source}: cannot be read ({why}); check name and rights") from None
     if not stat.S_ISREG(info.st_mode):
-        raise InputError(
-            f"{source}: cannot be read (it is a folder, a pipe or a device); name a file"
-        )
+        raise InputError(f"{source}: cannot be read (it is no file, but a folder or device, say)")
     if info.st_size > most:
-        raise InputError(
-            f"{source}: is {info.st_size / 1e6:.4g} MB large but at most {most / 1e6:.4g} MB are "
-            "read; leave out what is no recording, or thin it out in time"
-        )
+        size = f"is {info.st_size / 1e6:.4g} MB large but at most {most / 1e6:.4g} MB are read"
+        raise InputError(f"{source}: {size}; thin it out in time")
 
 
 def write_file(path: Path, content: bytes) -> None:
@@ -151,22 +144,22 @@ def require_free(
     force
         Whether files may be written over that are no `RESULTS`.
     """
-    read = {_identity(path): path for path in inputs}
-    taken: dict[object, Path] = {}
+    read = {path.resolve() for path in inputs}
+    taken: set[Path] = set()
     for target in targets:
-        own = _identity(target)
-        if own in read:
+        place = target.resolve()
+        if place in read:
             raise InputError(f"{target}: is read by this command; write to another file")
-        if own in taken:
+        if place in taken:
             raise InputError(f"{target}: is to hold two results; name a file for each")
-        taken[own] = target
-        if not os.path.isdir(target.parent):
+        taken.add(place)
+        if not target.parent.is_dir():
             raise InputError(f"{target}: there is no folder {target.parent}; make it first")
-        if os.path.isdir(target):
+        if target.is_dir():
             raise InputError(f"{target}: is a folder; name a file in it")
-        if not (os.path.exists(target) or os.access(target.parent, os.W_OK | os.X_OK)):
+        if not (target.exists() or os.access(target.parent, os.W_OK | os.X_OK)):
             raise InputError(f"{target}: cannot be written; check the rights of its folder")
-        if not force and target.suffix not in RESULTS and os.path.isfile(target):
+        if not force and target.suffix not in RESULTS and target.is_file():
             raise _is_there(target)
 
 
@@ -175,8 +168,8 @@ def require_folder(
 ) -> None:
     """The same for files of these names in a folder, which is made."""
     targets = [folder / name for name in names]
-    ours = any(os.path.exists(folder / name) for name in STORES)
-    there = [path for path in targets if os.path.isfile(path)]
+    ours = any((folder / name).exists() for name in STORES)
+    there = [path for path in targets if path.is_file()]
     make_folder(folder)
     require_free(targets, inputs, force=True)
     if there and not (ours or force):
@@ -187,12 +180,3 @@ def _is_there(target: Path) -> InputError:
     return InputError(
         f"{target}: is there already; name another place, or write over it with --force"
     )
-
-
-def _identity(path: Path) -> object:
-    """What tells a file from others, by whichever name or link."""
-    for known, name in ((path, ""), (path.parent, path.name)):  # or its folder, before it is there
-        with suppress(OSError):
-            info = known.stat()
-            return info.st_dev, info.st_ino, name
-    return str(path)

@@ -21,6 +21,8 @@ class RecorderLimits(NamedTuple):
     goes_on: float = -15.0  # dB in half an octave: a fall begins where it gets as steep
     grid: float = 8.0  # mean difference over that of the smallest phase (5.6)
     lattice: float = 1e-6  # step over rms; encoders have it, and nothing else
+    coarse: float = 0.2  # step over rms from which rounding hides movements
+    again: float = 1e-3  # of its rms, by which a forcing function differs when it begins again
     flat: float = -8.0  # dB an octave at the top of the spectrum of e and x (-10.8)
     own: float = 3e-5  # rms of e - (ft - x) over that of e (1e-15); files of 5 decimals reach it
     unanswered: float = 0.5  # share of x there that is no smooth answer to u + fd
@@ -33,6 +35,9 @@ class RecorderLimits(NamedTuple):
     errors: float = 5.0  # standard errors beyond which a time differs from none
     told: float = 0.01  # s, standard error up to which a time is told
     gain: float = 0.05  # by which the share of fd in the drive differs from 1 (.014)
+    no_share: float = 0.01  # of fd in the drive, that is none
+    unit: float = 0.01  # by which a share differs from 180/pi to be one of units
+    exact: float = 1e-3  # share of u unexplained up to which noise on x moves no share
     left: float = 0.03  # share of u, or of the answer to it, that may be unexplained
     #: Hz up to which signals must be usable for a fit to lose next to nothing: pilots have no
     #: power above 30 rad/s, and a band of 26 rad/s tells as much as a wider one.

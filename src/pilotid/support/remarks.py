@@ -40,6 +40,7 @@ CODES: dict[str, tuple[Grade, str]] = {
     "low-pass": ("doubt", "a low-pass filter or an interpolation ends a signal's band"),
     "resampled": ("doubt", "a signal was held or interpolated between slower samples"),
     "lost-samples": ("wrong", "samples are lost, held or spiked"),
+    "appended-runs": ("wrong", "several runs follow one another as one"),
     "noise": ("note", "white noise or rounding hides the upper band of a signal"),
     "rounded": ("note", "a signal has steps"),
     "late-signal": ("wrong", "a signal is recorded late or early against another"),

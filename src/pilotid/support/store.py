@@ -25,7 +25,6 @@ SCHEMA = (
 )
 KEY = "scenario = ? AND method = ? AND replication = ?"
 PATIENCE = 60.0  # seconds to wait for another process
-DAMAGED = (11, 26)  # SQLite's primary result codes: malformed, no database
 
 #: Scenario, method and replication.
 Key = tuple[str, str, int]
@@ -99,23 +98,20 @@ class Rows:
         query = f"SELECT content FROM rows WHERE {where} ORDER BY scenario, method, replication"
         with self._in_words():
             found = self._base.execute(query, values).fetchall()
-        try:
             return [_adapter(kind).validate_json(content) for (content,) in found]
-        except ValueError as error:
-            raise damaged(self.path, "its rows are none of this program") from error
 
     @contextmanager
     def _in_words(self) -> Iterator[None]:
         """Say in a sentence what SQLite cannot do with the file."""
         try:
             yield
-        except (sqlite3.Error, UnicodeError, OSError) as error:
-            code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-            if code in DAMAGED or isinstance(error, UnicodeDecodeError):
-                raise damaged(self.path, error) from error
+        except (sqlite3.Error, ValueError, OSError) as error:
+            if isinstance(error, InputError):
+                raise
             raise InputError(
-                f"{self.path}: cannot be read or written ({error}); check the folder, its rights "
-                "and the room on its disk, and run the same command again: what is done is kept"
+                f"{self.path}: cannot be read or written ({one_line(str(error))}); check the "
+                "folder, its rights and the room on its disk, and run the same command again: "
+                "what is done is kept"
             ) from error
 
     def _opened(self, mode: str) -> sqlite3.Connection:
@@ -135,7 +131,7 @@ class Rows:
                 )
             told = base.execute("PRAGMA quick_check(1)").fetchone()
             if told != ("ok",):
-                raise damaged(self.path, told[0])
+                raise ValueError(f"it is damaged: {told[0]}")
             if create:
                 base.execute("PRAGMA journal_mode=WAL")
                 base.execute("PRAGMA synchronous=NORMAL")
@@ -152,14 +148,6 @@ class Rows:
 def number(value: float) -> float | None:
     """A number for a store, None where it is none."""
     return float(value) if math.isfinite(value) else None
-
-
-def damaged(path: Path, why: object) -> InputError:
-    """What to raise where a store is damaged."""
-    return InputError(
-        f"{path}: is damaged ({one_line(str(why))}); `sqlite3 {STORE} .recover | sqlite3 "
-        "new.sqlite` saves what is whole in a new file"
-    )
 
 
 @cache

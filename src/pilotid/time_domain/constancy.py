@@ -17,9 +17,7 @@ only where that is certain and large.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -37,9 +35,8 @@ from pilotid.time_domain.settings import LikelihoodSettings
 
 #: Shares of the scored time at which a change may be.
 PLACES = np.linspace(0.1, 0.9, 21)
-#: Draws of the largest statistic under a constant pilot: at first, and where few of them are as
-#: large (p about .02), for a p-value that small must be told.
-DRAWS, FEW, MORE_DRAWS = 2_000, 40, 18_000
+#: Draws of the largest statistic under a constant pilot.
+DRAWS = 4_000
 
 
 @dataclass(frozen=True)
@@ -84,7 +81,8 @@ class Constancy:
         return {**asdict(self), "changes": self.changes}
 
     def __str__(self) -> str:
-        return in_words(self.keys, self.steps)
+        steps = zip(self.keys, self.steps, strict=True)
+        return ", ".join(f"{key} by {100.0 * step:+.0f} %" for key, step in steps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,11 +116,6 @@ class Scores:
     steps: FloatArray
 
     @property
-    def freedom(self) -> int:
-        """Degrees of freedom of each statistic."""
-        return len(self.steps)
-
-    @cached_property
     def factor(self) -> FloatArray:
         """A factor F of the scores' covariance F F', shape (times * keys, rank)."""
         times = np.arange(len(self.statistics))
@@ -139,22 +132,16 @@ class Scores:
     @property
     def bound(self) -> float:
         """What the chance of so large a statistic is at most, each time counted by itself."""
-        tail = chi_squared_tail(self.freedom, float(self.statistics.max()))
+        tail = chi_squared_tail(self.steps.size, float(self.statistics.max()))
         return min(1.0, len(self.statistics) * tail)
 
     def chance(self, rng: np.random.Generator) -> float:
         """How often a constant pilot gives so large a statistic; `rng` draws what chance gives."""
-        beyond, draws = self._beyond(rng, DRAWS), DRAWS
-        if beyond < FEW:
-            beyond, draws = beyond + self._beyond(rng, MORE_DRAWS), draws + MORE_DRAWS
-        return min((beyond + 1.0) / (draws + 1.0), self.bound)
-
-    def _beyond(self, rng: np.random.Generator, draws: int) -> int:
-        """How many of so many draws are as large."""
-        normal = rng.standard_normal((draws, self.factor.shape[1]))
-        drawn = (normal @ self.factor.T).reshape(draws, len(self.statistics), -1)
-        largest = np.max(np.sum(drawn**2, axis=2), axis=1)
-        return int(np.count_nonzero(largest >= self.statistics.max()))
+        factor = self.factor
+        drawn = rng.standard_normal((DRAWS, factor.shape[1])) @ factor.T
+        squares = np.sum(drawn.reshape(DRAWS, len(self.statistics), -1) ** 2, axis=2)
+        beyond = np.count_nonzero(squares.max(axis=1) >= self.statistics.max())
+        return min((beyond + 1.0) / (DRAWS + 1.0), self.bound)
 
 
 def changes(p: float, size: float) -> bool:
@@ -162,7 +149,9 @@ def changes(p: float, size: float) -> bool:
     return p < ESTIMATE.changes and size >= ESTIMATE.changes_by
 
 
-def constancy(found: Optimum, recording: Recording, rng: np.random.Generator) -> Constancy | None:
+def constancy(
+    found: Optimum, recording: Recording, rng: np.random.Generator | None = None
+) -> Constancy | None:
     """Test whether gains and leads are constant.
 
     Parameters
@@ -172,25 +161,26 @@ def constancy(found: Optimum, recording: Recording, rng: np.random.Generator) ->
     recording
         What was fitted.
     rng
-        Draws what chance gives.
+        Draws what chance gives; None to say what it gives at most.
 
     Returns
     -------
     Constancy or None
         None for a model that varies or has no gain, and where nothing can be told.
     """
-    scores = scores_of(found, found.tested_rows)
+    prediction = found.joint.prediction
+    varying = may_vary(prediction.model)
+    scores = change_scores(found.tested_rows, varying) if varying else None
     if scores is None:
         return None
-    prediction = found.joint.prediction
     best = int(np.argmax(scores.statistics))
     unscored = max(0.0, recording.lead_in - recording.run_in * recording.dt)
     return Constancy(
-        keys=tuple(prediction.model.keys[i] for i in may_vary(prediction.model)),
+        keys=tuple(prediction.model.keys[i] for i in varying),
         statistic=float(scores.statistics[best]),
-        steps=relative_steps(found, scores),
+        steps=tuple((scores.steps / found.pilot[varying]).tolist()),
         time=unscored + float(PLACES[best]) * prediction.scored * prediction.dt,
-        p=scores.chance(rng),
+        p=scores.bound if rng is None else scores.chance(rng),
     )
 
 
@@ -225,31 +215,6 @@ def may_vary(model: PilotModel) -> list[int]:
         for parameter in factor.parameters
     }
     return [] if model.changes else [i for i, key in enumerate(model.keys) if key in keys]
-
-
-def scores_of(found: Optimum, rows: FloatArray) -> Scores | None:
-    """Scores of changes in gains and leads; None where there is nothing to tell.
-
-    Parameters
-    ----------
-    found
-        The optimum of a constant model.
-    rows
-        Its whitened Jacobian and prediction error, see `change_scores`.
-    """
-    varying = may_vary(found.joint.prediction.model)
-    return change_scores(rows, varying) if varying else None
-
-
-def relative_steps(found: Optimum, scores: Scores) -> tuple[float, ...]:
-    """The steps of `Scores` as shares of the constant values."""
-    values = found.pilot[may_vary(found.joint.prediction.model)]
-    return tuple((scores.steps / values).tolist())
-
-
-def in_words(keys: Sequence[str], steps: Sequence[float]) -> str:
-    """Changes as ``Kvis by -25 %, tlead by +110 %``."""
-    return ", ".join(f"{k} by {100.0 * step:+.0f} %" for k, step in zip(keys, steps, strict=True))
 
 
 def change_scores(
@@ -294,7 +259,7 @@ def change_scores(
     across, own = tails[:, :, :-1], tails[:, :, varying]
     score = tails[:, :, -1] - across @ (inverse @ (jacobian @ errors))
     spread, directions = np.linalg.eigh(own - across @ inverse @ across.transpose(0, 2, 1))
-    if spread.size == 0 or np.any(spread[:, 0] <= SINGULAR):
+    if np.any(spread[:, 0] <= SINGULAR):
         return None
     whitener = directions / np.sqrt(spread)[:, None, :]
     whitened = (score[:, None] @ whitener)[:, 0]

@@ -14,42 +14,32 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, is_at_bound
-from pilotid.estimates.parts import RemnantEstimate, Specification
-from pilotid.lines.fit import specification_of
+from pilotid.estimates.parts import Specification
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.plant import element_changes, is_gain
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
+from pilotid.spectral.equations import specification_of
 from pilotid.support.limits import ESTIMATE, RECORDER
 from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.band_likelihood import BandTerms
-from pilotid.time_domain.constancy import (
-    PLACES,
-    in_words,
-    may_vary,
-    relative_steps,
-    scores_of,
-)
+from pilotid.time_domain.constancy import constancy
 from pilotid.time_domain.instruments import specification_by_instruments
 from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import (
     Band,
-    analysis_band,
     decimation,
     lowpass,
     prediction_error_filters,
     prepare,
 )
 from pilotid.time_domain.remnant_models import Whitener, best_noise_model
-
-USUAL_BAND = 50.0  # rad/s, the analysis band where the method has no model of the remnant
-
-NARROWEST_BAND = 20.0  # rad/s, of an analysis band: that of a pilot
+from pilotid.time_domain.settings import LikelihoodSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +81,10 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
     estimate
         An estimate with values.
     """
-    remnant = estimate.remnant
-    band = analysis_band(recording.dt, USUAL_BAND) if remnant is None else _band(recording, remnant)
+    remnant, factor = estimate.remnant, decimation(recording.dt, LikelihoodSettings.band)
+    if remnant is not None:  # up to the last frequency at which its density is known
+        factor = max(1, round(float(Band(recording.dt, 1).omega[-1] / remnant.omega[-1])))
+    band = Band(recording.dt, factor)
     rate = None if band.factor == 1 else math.pi / band.dt
     prediction = predict(recording, estimate.model, rate)
     residual = prediction.errors(estimate.values)
@@ -102,25 +94,15 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
     else:
         guess = best_noise_model(residual, band)
         name, taps = guess.model.name, guess.whitener(band)
-    errors = prediction.without_nuisance(prediction.residual(estimate.values, taps))
+    errors = prediction.errors(estimate.values, taps)
     prepared = prepare(recording, estimate.model, rate)
     scored = np.round(prepared.scored_time / recording.dt).astype(int) + recording.run_in
     inputs = {}
     for key in dict.fromkeys(channel.on for channel in estimate.model.channels):
-        own = _low_passed(recording.input(key), band)[:, scored]
-        inputs[key] = own - own.mean(axis=1, keepdims=True)
+        taps, runs = lowpass(band.factor), recording.input(key)
+        signal = np.array([np.convolve(run, taps, "same")[scored] for run in runs])
+        inputs[key] = signal - signal.mean(axis=1, keepdims=True)
     return Whitened(band.dt, errors, inputs, name, remnant is not None)
-
-
-def _band(recording: Recording, remnant: RemnantEstimate) -> Band:
-    """The analysis band up to the last frequency at which a remnant's density is known."""
-    factor = round(float(Band(recording.dt, 1).omega[-1] / remnant.omega[-1]))
-    return Band(recording.dt, min(max(1, factor), decimation(recording.dt, NARROWEST_BAND)))
-
-
-def _low_passed(signal: FloatArray, band: Band) -> FloatArray:
-    """A signal (runs, samples) through the filter that keeps the band."""
-    return np.array([np.convolve(run, lowpass(band.factor), "same") for run in signal])
 
 
 def correlations(errors: FloatArray, signal: FloatArray, lags: range) -> FloatArray:
@@ -193,27 +175,6 @@ def drift_left(joint: Likelihood, values: FloatArray) -> tuple[float, FloatArray
     return float(explained * freedom / (rest @ rest - explained)), drifts
 
 
-COUNTS = "noise of the recorder on e and x counts as signal: gains, leads and delays may be far off"
-#: Said where direct prediction errors take the place of the likelihood of a band.
-NOT_CLOSED = Remark(
-    "element-unknown",
-    f"the controlled element is not known, so that {COUNTS}; name the element, for example "
-    "--element 4/s^2",
-)
-#: Said there of an element that changes during the recording.
-VARYING = Remark(
-    "element-unknown",
-    f"the controlled element changes during the recording, so that {COUNTS}; fit the parts with "
-    "--span",
-)
-#: Said where nothing stands above the recorder's floor.
-HIDDEN = Remark(
-    "hidden-signal",
-    "what the pilot acts on (e, x) hardly stands above the noise of the recorder at any frequency: "
-    "the values mean little; record these signals with less noise or more bits",
-)
-
-
 def tested_specification(
     found: Optimum, recording: Recording, estimate: Estimate, against: str
 ) -> Specification | None:
@@ -254,15 +215,15 @@ def fit_remarks(
     asked_for_band
         Whether the likelihood of a band was asked for.
     """
-    rows = found.tested_rows
+    errors = found.tested_rows[-1]
     remarks = [
         _not_closed(found, recording) if asked_for_band else None,
         _dispersed(found.dispersion),
         _held(recording),
-        _changed(found, rows) or _varying(found, rows),
-        uneven(rows[-1]),
+        _changed(found) or _varying(found, recording),
+        uneven(errors),
         _drifting(found),
-        coloured(rows[-1], found.joint.prediction.band_terms),
+        coloured(errors, found.joint.prediction.band_terms),
         _answered_at_once(recording, found.joint.prediction.model),
         _slow_lag(found),
         _competing(found),
@@ -272,24 +233,30 @@ def fit_remarks(
 
 def _not_closed(found: Optimum, recording: Recording) -> Remark | None:
     """What to say where the recording does not allow for the likelihood of a band."""
-    prediction = found.joint.prediction
-    if prediction.weighting is not None:
-        return HIDDEN if prediction.weighting.hidden else None
-    if prediction.model.changes or not _is_noisy(recording, prediction.model):
-        return None
-    if extra := prediction.model.extra:
+    weighting, model = found.joint.prediction.weighting, found.joint.prediction.model
+    if weighting is not None and weighting.hidden:
         return Remark(
-            "element-unknown",
-            f"the model acts on {', '.join(extra)}, and how the loop moves that is not known, so "
-            f"that {COUNTS}",
+            "hidden-signal",
+            "what the pilot acts on (e, x) hardly stands above the noise of the recorder at any "
+            "frequency: the values mean little; record these signals with less noise or more bits",
         )
-    return VARYING if element_changes(recording) else NOT_CLOSED
-
-
-def _is_noisy(recording: Recording, model: PilotModel) -> bool:
-    """Whether the recorder's noise meets what the pilot acts on below where pilots end."""
-    inputs = tuple({channel.on for channel in model.channels})
-    return floors_of(recording).usable(inputs) < 2.0 * math.pi * RECORDER.enough
+    # Without noise below where pilots end, direct prediction errors are as good.
+    usable = floors_of(recording).usable(tuple({channel.on for channel in model.channels}))
+    if weighting is not None or model.changes or usable >= 2.0 * math.pi * RECORDER.enough:
+        return None
+    why = "the controlled element is not known"
+    cure = "name the element, for example --element 4/s^2"
+    if model.extra:
+        why = f"how the loop moves {', '.join(model.extra)} is not known"
+        cure = "record e and x with less noise"
+    elif element_changes(recording):
+        why = "the controlled element changes during the recording"
+        cure = "fit the parts with --span"
+    return Remark(
+        "element-unknown",
+        f"{why}, so that noise of the recorder on e and x counts as signal: gains, leads and "
+        f"delays may be far off; {cure}",
+    )
 
 
 def _dispersed(dispersion: float) -> Remark | None:
@@ -304,9 +271,10 @@ def _dispersed(dispersion: float) -> Remark | None:
 
 
 def _held(recording: Recording) -> Remark | None:
-    control = recording.window(recording.u)
-    share = held_share(control)
-    if share < ESTIMATE.held or _one_step_share(control) > share:
+    moves = np.abs(np.diff(recording.window(recording.u), axis=1))
+    share = np.mean(moves == 0.0)
+    least = np.min(moves, where=moves > 0.0, initial=np.inf)
+    if share < ESTIMATE.held or np.mean((moves > 0.0) & (moves < 1.9 * least)) > share:
         return None  # the steps of a converter, taken at every other sample
     return Remark(
         "held-control",
@@ -316,7 +284,7 @@ def _held(recording: Recording) -> Remark | None:
 
 
 def _answered_at_once(recording: Recording, model: PilotModel) -> Remark | None:
-    """A word on position control, see docs/populations.md for what it does to intervals."""
+    """A word on position control, see docs/measurements.md for what it does to intervals."""
     outside = all(channel.on == "ft" for channel in model.channels)  # of any loop
     if outside or not is_gain(recording):
         return None
@@ -358,27 +326,20 @@ def _slow_lag(found: Optimum) -> Remark | None:
     )
 
 
-def _varying(found: Optimum, rows: FloatArray) -> Remark | None:
-    scores = scores_of(found, rows)
-    if scores is None or scores.bound >= ESTIMATE.seldom:
+def _varying(found: Optimum, recording: Recording) -> Remark | None:
+    test = constancy(found, recording)
+    if test is None or test.p >= ESTIMATE.seldom or test.size < ESTIMATE.changes_by:
         return None
-    steps = relative_steps(found, scores)
-    if max(abs(step) for step in steps) < ESTIMATE.changes_by:
-        return None
-    model = found.joint.prediction.model
-    keys = [model.keys[i] for i in may_vary(model)]
-    share = 100.0 * PLACES[int(np.argmax(scores.statistics))]
     return Remark(
         "gains-change",
-        f"{' and '.join(keys)} change during the recording, mainly near {share:.0f} % of its time "
-        f"({in_words(keys, steps)}; score test, chi-square {scores.statistics.max():.0f} on "
-        f"{scores.freedom} df), or the model lacks a channel or a lag; fit segments (--span), or "
-        "--model adapting",
+        f"{' and '.join(test.keys)} change during the recording, mainly about t = {test.time:.0f} "
+        f"s ({test}; score test, chi-square {test.statistic:.0f} on {len(test.keys)} df), or the "
+        "model lacks a channel or a lag; fit segments (--span), or --model adapting",
     )
 
 
-def _changed(found: Optimum, rows: FloatArray) -> Remark | None:
-    pilot, model = found.pilot, found.joint.prediction.model
+def _changed(found: Optimum) -> Remark | None:
+    rows, pilot, model = found.tested_rows, found.pilot, found.joint.prediction.model
     statistic, freedom, steps = score_of_halves(rows, pilot.size)
     if not freedom or statistic <= chi_squared_limit(freedom, ESTIMATE.seldom):
         return None
@@ -437,18 +398,6 @@ def coloured(errors: FloatArray, terms: BandTerms | None = None) -> Remark | Non
         f"{statistic:.0f} on {freedom} df): pilot and remnant leave something unexplained, "
         "and errors may be larger than claimed; try another model",
     )
-
-
-def held_share(u: FloatArray) -> float:
-    """Share of the samples (runs, samples) that are equal to the one before."""
-    return float(np.mean(np.diff(u, axis=1) == 0.0))
-
-
-def _one_step_share(u: FloatArray) -> float:
-    """Share of the samples (runs, samples) that differ from the one before by about the least."""
-    moves = np.abs(np.diff(u, axis=1))
-    least = np.min(moves, where=moves > 0.0, initial=np.inf)
-    return float(np.mean((moves > 0.0) & (moves < 1.9 * least)))
 
 
 def portmanteau(errors: FloatArray, lags: int) -> float:

@@ -91,7 +91,8 @@ class Likelihood(Problem):
         -------
         Array of shape (sets, parameters + 1, runs, scored).
         """
-        return self.prediction.errors_of(self._spectra(values))
+        prediction = self.prediction
+        return prediction.without_nuisance(prediction.samples_of(self._spectra(values)))
 
     def products(self, values: FloatArray) -> FloatArray:
         """Inner products of `rows`, see `Problem.products`; in a band those of its likelihood."""

@@ -26,7 +26,7 @@ from pilotid.time_domain.remnant_models import (
     lagged_products,
     neighbours,
 )
-from pilotid.time_domain.settings import SEARCH
+from pilotid.time_domain.settings import COMPARED_TOLERANCE, LOOK_CRITERION, REPORTED_TOLERANCE
 
 
 def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
@@ -45,7 +45,7 @@ def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
     best = [filters[0], next(each for each in scored if each.model.regressive)]
     if isinstance(filters[0].model, BandPass):
         best.append(next(each for each in filters if not isinstance(each.model, BandPass)))
-    limit = scored[0].criterion + SEARCH.contender_criterion
+    limit = scored[0].criterion + LOOK_CRITERION
     return [each for each in sorted(best, key=_criterion) if each.criterion < limit]
 
 
@@ -92,7 +92,7 @@ class RemnantChoice:
 
         Its model is chosen anew as the pilot moves, in as many rounds at most.
         """
-        compared = SEARCH.compared_tolerance
+        compared = COMPARED_TOLERANCE
         found = self._moved(self._best_of(None, compared))
         for _ in range(0 if self.noise else rounds - 1):
             before, found = found, self._moved(self._best_of(None, compared))
@@ -102,9 +102,7 @@ class RemnantChoice:
         while others := [] if self.noise else neighbours(found.joint.noise):
             better = self._best_of(others, compared)
             if abs(better.criterion - found.criterion + 0.1) < found.short:
-                found, better = (
-                    self._to(fit, SEARCH.reported_tolerance) for fit in (found, better)
-                )
+                found, better = (self._to(fit, REPORTED_TOLERANCE) for fit in (found, better))
             if not better.criterion < found.criterion - 0.1:
                 break
             found = self._moved(better)
@@ -124,9 +122,9 @@ class RemnantChoice:
         fits = [self._fitted(guess, tolerance) for guess in every]
         best = min(fits, key=_criterion)
         near = [fit for fit in fits if not fit.criterion > best.criterion + best.short]
-        if tolerance > SEARCH.compared_tolerance or len(near) == 1:
+        if tolerance > COMPARED_TOLERANCE or len(near) == 1:
             return best
-        return min((self._to(fit, SEARCH.reported_tolerance) for fit in near), key=_criterion)
+        return min((self._to(fit, REPORTED_TOLERANCE) for fit in near), key=_criterion)
 
     def _fitted(self, guess: Guess, tolerance: float) -> Optimum:
         """A model fitted to a tolerance, if it is not yet."""

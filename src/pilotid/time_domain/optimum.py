@@ -21,8 +21,15 @@ from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.types import BoolArray, FloatArray, IntArray
 from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import Prediction
-from pilotid.time_domain.remnant_models import BandPass, criterion, remnant_estimate
-from pilotid.time_domain.settings import BARTLETT_SECONDS, SEARCH
+from pilotid.time_domain.remnant_models import BandPass, criterion
+from pilotid.time_domain.settings import (
+    BAND_PASS_PENALTY,
+    BARTLETT_SECONDS,
+    COMPARED_TOLERANCE,
+    MIN_VAF_RATIO,
+    REPORTED_TOLERANCE,
+    SAME_OPTIMUM_DISTANCE,
+)
 
 
 class Candidates:
@@ -46,7 +53,7 @@ class Candidates:
         self._total = float(np.sum(coarse.samples_of(coarse.control_spectrum) ** 2))
         self.least = 0.0
         if lines_pilot is not None:
-            self.least = SEARCH.min_vaf_ratio * float(self.explained(lines_pilot)[0])
+            self.least = MIN_VAF_RATIO * float(self.explained(lines_pilot)[0])
 
     def explained(self, sets: FloatArray) -> FloatArray:
         """Share of the control that simulated responses explain, shape (sets,).
@@ -129,17 +136,17 @@ class Optimum:
         """The criterion that chooses the remnant's model, of pilot and remnant together."""
         joint = self.joint
         power = float(self.end.cost[0]) / joint.residuals
-        penalty = SEARCH.band_pass_penalty if isinstance(joint.noise, BandPass) else 0.0
+        penalty = BAND_PASS_PENALTY if isinstance(joint.noise, BandPass) else 0.0
         return criterion(joint.noise, power, joint.residuals, joint.pilot) + penalty
 
     @property
     def short(self) -> float:
         """Possible further decrease of the criterion of a fit that is only compared."""
-        return 10.0 * SEARCH.compared_tolerance * self.joint.residuals
+        return 10.0 * COMPARED_TOLERANCE * self.joint.residuals
 
     def is_near(self, pilot: FloatArray) -> bool:
         """Whether a pilot, shape (parameters,), differs by no more than its errors."""
-        return self.end.apart(pilot, self.joint.residuals) <= SEARCH.same_optimum_distance
+        return self.end.apart(pilot, self.joint.residuals) <= SAME_OPTIMUM_DISTANCE
 
     @property
     def is_pilot(self) -> bool:
@@ -216,14 +223,15 @@ class Optimum:
     @property
     def remnant(self) -> RemnantEstimate:
         """What the fit says of the remnant."""
-        joint = self.joint
-        return remnant_estimate(
-            joint.noise,
-            self.values[joint.pilot :],
-            joint.band,
-            self.variance / joint.scaling(self.values),
-            float(np.mean(np.var(joint.prediction.control, axis=1))),
-        )
+        joint, band = self.joint, self.joint.band
+        innovation = self.variance / joint.scaling(self.values)
+        lags = np.arange(self.whitener.size)
+        response = np.exp(-1j * np.outer(band.omega * band.dt, lags)) @ self.whitener
+        density = innovation * band.dt / np.pi / np.abs(response) ** 2
+        control = float(np.mean(np.var(joint.prediction.control, axis=1)))
+        power = float(np.mean(density) * np.pi / band.dt) / control
+        shape = dict(zip(joint.noise.keys, self.values[joint.pilot :].tolist(), strict=True))
+        return RemnantEstimate(joint.noise.name, shape, power, band.omega, density)
 
     def band_of(self, recording: Recording) -> AnalysedBand:
         """The frequencies that it rests on."""
@@ -247,10 +255,10 @@ class Optimum:
         prediction = self.joint.prediction
         return Likelihood(prediction, self.joint.noise, adjoint=prediction.is_large)
 
-    def refined(self, tolerance: float = SEARCH.reported_tolerance) -> Optimum:
+    def refined(self, tolerance: float = REPORTED_TOLERANCE) -> Optimum:
         """The same to another tolerance, or to that of what is compared as in `descended`."""
         joint, start = self.joint, self.end.only([0])
-        if tolerance < SEARCH.compared_tolerance and joint.adjoint:
+        if tolerance < COMPARED_TOLERANCE and joint.adjoint:
             joint = Likelihood(joint.prediction, joint.noise)
             end = descended(joint, start.values, tolerance)
         else:
@@ -264,7 +272,7 @@ class Optimum:
 
 
 def descended(
-    joint: Likelihood, starts: FloatArray | Minima, tolerance: float = SEARCH.reported_tolerance
+    joint: Likelihood, starts: FloatArray | Minima, tolerance: float = REPORTED_TOLERANCE
 ) -> Minima:
     """The best optimum that starts lead to, as in `minimise`, to a tolerance.
 
@@ -274,5 +282,5 @@ def descended(
     end = minimise(joint.gram, starts, joint, tolerance=tolerance)
     if end.converged[0]:
         return end
-    tolerance = max(tolerance, SEARCH.compared_tolerance)
+    tolerance = max(tolerance, COMPARED_TOLERANCE)
     return minimise(joint.gram, end.only([0]), joint, tolerance=tolerance)

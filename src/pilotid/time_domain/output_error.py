@@ -165,10 +165,6 @@ class WhiteLikelihood:
         return replace(estimate, iterations=found.iterations + end.iterations, remarks=remarks)
 
 
-#: Standard errors that are too short by this factor are worth a word.
-TOO_SHORT = 1.5
-
-
 def _scored(problem: Likelihood, values: FloatArray) -> tuple[FloatArray, int]:
     """Jacobian and residual at one parameter set, and samples over which scores are correlated."""
     return problem.rows(values[None])[0], max(1, round(REACH / problem.prediction.dt))
@@ -189,7 +185,7 @@ def too_short(problem: Likelihood, values: FloatArray) -> tuple[Remark, ...]:
     claimed = np.sum(rows[:-1] ** 2, axis=(1, 2)) * np.mean(rows[-1] ** 2)
     found = np.diag(score_products(rows, reach))
     factor = float(np.sqrt(np.median(found / np.maximum(claimed, 1e-300))))
-    if not factor > TOO_SHORT:
+    if not factor > 1.5:
         return ()
     return (
         Remark(

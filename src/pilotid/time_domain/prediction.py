@@ -21,7 +21,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import BLOCK
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit
-from pilotid.support.types import BoolArray, ComplexArray, FloatArray, IntArray
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 from pilotid.time_domain.band_likelihood import BandTerms, Weighting, group_begins, weighting_of
 from pilotid.time_domain.prepare import (
     FAR,
@@ -30,17 +30,14 @@ from pilotid.time_domain.prepare import (
     Prepared,
     analysis_band,
     decimation,
-    derivative_kernel,
+    derivative,
+    edges,
     fast_length,
+    half_width,
     lowpass,
     pad,
     prepare,
 )
-from pilotid.time_domain.settings import SEARCH
-
-#: Longest interval between samples of the inputs that are modulated [s].  A change at the highest
-#: rate, 100 1/s, is sampled so finely that its middle is known between samples.
-FINEST = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +46,8 @@ class FineInput:
 
     Attributes
     ----------
+    changing
+        What varies.
     signals
         The signed input and its derivatives, shape (order + 1, runs, samples); the samples are
         those of the whole transform, a few for each of its own.
@@ -59,32 +58,31 @@ class FineInput:
         transform, over the number of fine samples a sample, shape (bins,).
     """
 
+    changing: Changing
     signals: FloatArray
     time: FloatArray
     smoothing: FloatArray
 
-    def modulated(self, changing: Changing, values: FloatArray) -> ComplexArray:
+    def modulated(self, values: FloatArray) -> ComplexArray:
         """The transform of the modulated input, shape (sets, runs, bins).
 
         Parameters
         ----------
-        changing, values
-            What varies, and sets of its parameters, shape (sets, parameters).
+        values
+            Sets of the parameters of what varies, shape (sets, parameters).
         """
-        weights = changing.weights(self.time, values)
+        weights = self.changing.weights(self.time, values)
         parts = [w[:, None] * signal for w, signal in zip(weights, self.signals, strict=True)]
         return self._spectrum(sum(parts[1:], parts[0]))
 
-    def modulated_slopes(
-        self, changing: Changing, values: FloatArray
-    ) -> tuple[ComplexArray, ComplexArray]:
+    def modulated_slopes(self, values: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """As `modulated`, and its derivatives, shape (sets, parameters, runs, bins)."""
-        signal, slopes = changing.modulated(self.signals, self.time, values)
+        signal, slopes = self.changing.modulated(self.signals, self.time, values)
         return self._spectrum(signal), self._spectrum(slopes)
 
     def of_runs(self, runs: list[int]) -> FineInput:
         """The input of some runs alone."""
-        return FineInput(self.signals[:, runs], self.time, self.smoothing)
+        return replace(self, signals=self.signals[:, runs])
 
     def _spectrum(self, signal: FloatArray) -> ComplexArray:
         bins = self.smoothing.size
@@ -115,9 +113,11 @@ def fine_input(
     assert channel.changing is not None
     count, extension, length = span
     factor = decimation(recording.dt, band)
-    step = max(d for d in range(1, factor + 1) if factor % d == 0 and fine_enough(d, recording.dt))
+    # A change at the highest rate, 100 1/s, has its middle between samples of .02 s.
+    steps = [d for d in range(2, factor + 1) if factor % d == 0 and d * recording.dt <= 0.02 + 1e-9]
+    step = max(steps, default=1)
     ratio, dt = factor // step, step * recording.dt
-    reach = (derivative_kernel(channel.derivative, lowpass(step)).size - 1) // 2
+    reach = half_width(channel.derivative, step)
     recorded = recording.input(channel.on)
     first = round((start - recording.time[0]) / recording.dt)
     last = first + (count - 1) * factor
@@ -125,20 +125,10 @@ def fine_input(
     wanted = math.ceil((lowpass(factor).size - 1) / 2 / step)
     before = min(wanted, (first - reach) // step)
     after = min(wanted, (recorded.shape[1] - 1 - reach - last) // step)
-    places = np.arange(first - before * step, last + after * step + 1, step)
-    around = places[:, None] + np.arange(-reach, reach + 1)
-
-    def filtered(signal: FloatArray, order: int, at: IntArray) -> FloatArray:
-        own = derivative_kernel(order, lowpass(step)) / recording.dt**order
-        inner = (own.size - 1) // 2
-        return np.asarray(signal[:, at[:, reach - inner : reach + inner + 1]] @ own[::-1])
-
-    signal = filtered(recorded, channel.derivative, around)
-    centred, ends = recorded - recorded.mean(axis=1, keepdims=True), around[[0, -1]]
-    edges = np.array([filtered(centred, order, ends).T for order in range(channel.derivative)])
-    edges = edges.reshape(channel.derivative, 2, recording.runs)
+    places = slice(first - before * step, last + after * step + 1, step)
+    given = recorded, channel.derivative, step, recording.dt, places
     outside = extension * ratio - max(before, after)
-    padded = pad(signal, edges, outside, dt)
+    padded = pad(derivative(*given), edges(*given), outside, dt)
     whole = np.zeros((recording.runs, length * ratio))
     lead = extension * ratio - before - outside
     whole[:, lead : lead + padded.shape[1]] = padded
@@ -155,18 +145,13 @@ def fine_input(
     lags = (np.arange(taps.size) - (taps.size - 1) // 2) * recording.dt
     bins = length // 2 + 1
     smoothing = np.cos(np.outer(omega[:bins], lags)) @ taps / ratio
-    return FineInput(signals, np.asarray(time), np.asarray(smoothing))
+    return FineInput(channel.changing, signals, np.asarray(time), np.asarray(smoothing))
 
 
-def fine_enough(step: int, dt: float) -> bool:
-    """Whether every so many samples are enough."""
-    return step == 1 or step * dt <= FINEST * (1.0 + 1e-9)
-
-
-LONG_BINS = 1 << 16  # bins of all runs from which one parameter set is evaluated after the other
+#: Largest width of a bin of the binned spectra [rad/s]: a delay of 1 s turns by 20 deg over it.
+MAX_BINNED_WIDTH = 0.35
 #: What a unit of the element's output is in each input of a channel.
 CLOSED = {"e": -1.0, "x": 1.0, "ft": 0.0}
-GONE = 0.25  # of the pre-history, the time constant of a free decay that is over then
 BESIDE = 1.05  # ratio of the time constants of decays about one: it, and its slope
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
@@ -233,7 +218,7 @@ class Prediction:
         """Parameter sets that are evaluated at once: one beyond any cache, to spare memory."""
         if self.weights is not None:
             return 12  # what a cache holds
-        return BLOCK if self.control_spectrum.size < LONG_BINS else 1
+        return BLOCK if self.control_spectrum.size < 1 << 16 else 1
 
     @property
     def pre_history(self) -> float:
@@ -249,7 +234,8 @@ class Prediction:
             Parameters, shape (parameters,).
         """
         lag = self.model.slowest_lag(values)
-        return lag if 0.0 < GONE * self.pre_history < lag else 0.0
+        # After four time constants a decay is over.
+        return lag if 0.0 < 0.25 * self.pre_history < lag else 0.0
 
     def with_decays(self, values: FloatArray) -> Prediction:
         """The same with the free decay of the slowest lag, where it outlasts the pre-history.
@@ -352,12 +338,11 @@ class Prediction:
             Parameter sets, shape (sets, parameters).
         """
         responses = self.model.moving_responses(self.s, values)
-        answers = [
-            response[:, None, :] * spectrum * (1.0 if varying is None else varying)
-            for response, spectrum, varying in zip(
-                responses, self.inputs, self.varying(values), strict=True
-            )
-        ]
+        answers = [r[:, None] * own for r, own in zip(responses, self.inputs, strict=True)]
+        for c, fine in enumerate(self.fine):
+            if fine:
+                indices = list(self.model.changing_indices[c])
+                answers[c] = answers[c] * fine.modulated(values[:, indices])
         return np.asarray(self.control_spectrum - reduce(np.add, answers))
 
     def noticeable_terms(
@@ -409,42 +394,31 @@ class Prediction:
         ComplexArray
             Shape (sets, parameters + between + 1, runs, bins).
         """
-        sets, count = values.shape
+        model, (sets, count) = self.model, values.shape
         rows = count + between + 1
         spectrum = np.zeros((sets, rows, *self.control_spectrum.shape), dtype=complex)
-        step = self.s.size if any(self.fine) else LONG_BINS
-        for begin in range(0, self.s.size, step):
-            self._put(spectrum, values, slice(begin, begin + step))
-        return spectrum
-
-    def _put(self, spectrum: ComplexArray, values: FloatArray, bins: slice) -> None:
-        """Put what the model predicts at some bins into `row_spectra`; all, if it varies in time.
-
-        What channels share, as the neuromuscular system, has its slopes by the sum of these.
-        """
-        model, spectrum = self.model, spectrum[..., bins]
-        s = self.s[bins]
-        found = model.evaluated(s, values)
+        found = model.evaluated(self.s, values)
         parts: list[ComplexArray] = []
-        left = self.control_spectrum[:, bins]
+        left = self.control_spectrum
         responses = model.responses_of(found)
         for c, (response, fixed) in enumerate(zip(responses, self.inputs, strict=True)):
-            part = response[:, None] * fixed[:, bins]
-            fine, changing = self.fine[c], model.channels[c].changing
-            if fine and changing:
+            part = response[:, None] * fixed
+            if fine := self.fine[c]:
                 own = model.changing_indices[c]
-                signal, by_own = fine.modulated_slopes(changing, values[:, list(own)])
+                signal, by_own = fine.modulated_slopes(values[:, list(own)])
                 for place, index in enumerate(own):
                     spectrum[:, index] += by_own[:, place] * part
                 part = part * signal
             left = np.subtract(left, part, out=spectrum[:, -1])
             parts.append(part)
+        # What channels share, as the neuromuscular system, has its slopes by the sum of these.
         for (_, slopes), (_, indices), channels in zip(
             found, model.moving, model.sharing, strict=True
         ):
             total = reduce(np.add, [parts[c] for c in channels])
             for index, slope in zip(indices, slopes, strict=True):
                 spectrum[:, index] += (slope[:, None] if slope.ndim > 1 else slope) * total
+        return spectrum
 
     @cached_property
     def inputs(self) -> list[ComplexArray]:
@@ -455,22 +429,15 @@ class Prediction:
             for response, spectrum in zip(fixed, self.spectra, strict=True)
         ]
 
-    def varying(self, values: FloatArray) -> list[ComplexArray | None]:
-        """Per channel, the transform of its input where it varies, (sets, runs, bins), or None.
-
-        Parameters
-        ----------
-        values
-            Parameter sets, shape (sets, parameters).
-        """
-        return [
-            fine.modulated(channel.changing, values[:, list(own)])
-            if fine and channel.changing
-            else None
-            for fine, channel, own in zip(
-                self.fine, self.model.channels, self.model.changing_indices, strict=True
-            )
-        ]
+    @property
+    def signals(self) -> tuple[FloatArray, list[FloatArray]]:
+        """Control and signed inputs behind their fixed dynamics, each (runs, first + scored)."""
+        end = self.first + self.scored
+        control, *inputs = (
+            np.fft.irfft(spectrum, n=self.length)[:, :end]
+            for spectrum in (self.control_spectrum, *self.inputs)
+        )
+        return control, inputs
 
     def weighed(self, rows: FloatArray) -> FloatArray:
         """Rows of samples as real numbers whose products are those of the likelihood."""
@@ -489,7 +456,8 @@ class Prediction:
     @property
     def is_large(self) -> bool:
         """Whether a search is faster by the adjoint, see `pilotid.time_domain.likelihood`."""
-        return (self.runs - 1) * self.s.size >= SEARCH.adjoint_bins and not self.model.changes
+        # From so many bins of all runs but one the adjoint takes less time.
+        return (self.runs - 1) * self.s.size >= 2500 and not self.model.changes
 
     @cached_property
     def binned(self) -> Prediction:
@@ -504,7 +472,7 @@ class Prediction:
         given = np.array([*self.spectra, self.control_spectrum])
         signals = np.fft.rfft(self.samples_of(given) * window)
         omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, self.dt), dtype=float)
-        groups = group_begins(omega, 1.0 / 15.0, SEARCH.max_binned_width, 2)
+        groups = group_begins(omega, 1.0 / 15.0, MAX_BINNED_WIDTH, 2)
         sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
         sizes[sizes == 0.0] = 1.0
         signals = signals / sizes[:, None, None]
@@ -582,14 +550,7 @@ class Prediction:
     @cached_property
     def nuisance_basis(self) -> FloatArray:
         """Orthonormal basis of the nuisance terms, shape (scored, terms)."""
-        # By blocks, since a factorisation takes several times the memory of its matrix.
-        blocks = np.array_split(self.nuisance_terms, 1 + self.scored // LONG_BINS)
-        parts = [np.linalg.qr(block) for block in blocks]
-        if len(parts) == 1:
-            return np.asarray(parts[0].Q)
-        together = np.linalg.qr(np.concatenate([part.R for part in parts])).Q
-        shares = np.split(together, len(parts))
-        return np.concatenate([part.Q @ q for part, q in zip(parts, shares, strict=True)])
+        return np.asarray(np.linalg.qr(self.nuisance_terms).Q)
 
     def without_nuisance(self, rows: FloatArray) -> FloatArray:
         """Rows (..., scored) less their projection on the nuisance terms."""
@@ -598,32 +559,6 @@ class Prediction:
         flat = rows.reshape(-1, rows.shape[-1])  # one product, not one for each parameter
         along = (flat @ self.nuisance_basis) @ self.nuisance_basis.T
         return np.asarray(np.subtract(flat, along, out=along).reshape(rows.shape))
-
-    def errors_of(self, spectra: ComplexArray) -> FloatArray:
-        """The scored samples of transforms, less their projection on the nuisance terms.
-
-        Long ones take the place of their transforms, which are lost: an hour of samples and its
-        transform need not be held together.
-
-        Parameters
-        ----------
-        spectra
-            Shape (..., runs, bins), contiguous.
-
-        Returns
-        -------
-        FloatArray
-            Shape (..., runs, scored).
-        """
-        if self.block > 1:
-            return self.without_nuisance(self.samples_of(spectra))
-        rows = spectra.reshape(-1, spectra.shape[-1])
-        size, step = len(rows) * self.scored, 1 + LONG_BINS // rows.shape[1]
-        place = rows.reshape(-1).view(float)[:size].reshape(len(rows), self.scored)
-        for i in range(0, len(rows), step):  # samples end before the next transform begins
-            block = slice(i, i + step)
-            place[block] = self.without_nuisance(self.samples_of(rows[block]))
-        return place.reshape(*spectra.shape[:-1], self.scored)
 
     def samples_before(self, spectrum: ComplexArray, most: int) -> FloatArray:
         """The scored samples of transforms and `most` samples before, (..., most + scored)."""
@@ -656,8 +591,8 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     extension = min(round(EXTENSION / prepared.dt), prepared.control.shape[1] - 1)
     length = fast_length(prepared.control.shape[1] + 2 * extension)
 
-    def transformed(signal: FloatArray, edges: FloatArray) -> ComplexArray:
-        return np.fft.rfft(pad(signal, edges, extension, prepared.dt), n=length)
+    def transformed(signal: FloatArray, below: FloatArray) -> ComplexArray:
+        return np.fft.rfft(pad(signal, below, extension, prepared.dt), n=length)
 
     span = (prepared.control.shape[1], extension, length)
     fine = tuple(
@@ -669,12 +604,12 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     return Prediction(
         model=model,
         band=analysis_band(recording.dt, band),
-        s=_laplace(length, prepared.dt),
+        s=2j * np.pi * np.fft.rfftfreq(length, prepared.dt),
         spectra=tuple(
-            channel.sign * transformed(signal, edges)
+            channel.sign * transformed(signal, below)
             if own is None
             else np.ones((recording.runs, length // 2 + 1), dtype=complex)
-            for channel, signal, edges, own in zip(
+            for channel, signal, below, own in zip(
                 model.channels, prepared.inputs, prepared.edges, fine, strict=True
             )
         ),
@@ -703,7 +638,3 @@ def weighted(
     control, dt = prediction.control, prediction.dt
     weighting = weighting_of(recording, prediction.model, control, dt, others)
     return replace(prediction, weighting=weighting)
-
-
-def _laplace(length: int, dt: float) -> ComplexArray:
-    return np.asarray(2j * np.pi * np.fft.rfftfreq(length, dt), dtype=complex)

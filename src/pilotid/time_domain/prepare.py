@@ -104,7 +104,6 @@ def fast_length(samples: int) -> int:
 SHORTEST_SCORED = 3.0  # seconds that must remain to be scored
 DIFFERENCE_REACH = 12  # samples on either side that a central difference uses
 ATTENUATION = 50.0  # dB, of the low-pass filter
-TRANSITION = 0.35  # width of its transition, as a share of the band
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,10 +169,7 @@ def prepare(
         recording names (`Recording.lead_in`).
     """
     factor = decimation(recording.dt, band)
-    smoothing = lowpass(factor)
-    highest = max(c.derivative for c in model.channels)
-    kernels = {order: derivative_kernel(order, smoothing) for order in range(highest + 1)}
-    half = max((k.size - 1) // 2 for k in kernels.values())
+    half = half_width(max(c.derivative for c in model.channels), factor)
 
     total = recording.u.shape[1]
     lead_in = recording.lead_in if unscored is None else unscored
@@ -189,31 +185,21 @@ def prepare(
     after = (total - 1 - half - first_scored) // factor
     centres = slice(first_scored - before * factor, first_scored + after * factor + 1, factor)
 
-    seen_to = (total - 1 - half - first_scored - unseen) // factor
+    scored = (total - 1 - half - first_scored - unseen) // factor + 1
+    # Large prime factors make transforms of a long window slow: of 40 minutes and more up to a
+    # hundredth is left out.
+    if band is not None and scored > 40_000:
+        scored = next(n for n in range(scored, 0, -1) if fast_length(n) == n)
 
-    def filtered(signal: FloatArray, order: int, step: int = factor) -> FloatArray:
-        kernel = kernels[order] / recording.dt**order
-        if kernel.size == 1:
-            return np.asarray(kernel[0] * signal[:, centres.start : centres.stop : step])
-        reach = (kernel.size - 1) // 2
-        windows = sliding_window_view(signal, kernel.size, axis=1)
-        # Correlation, so the kernel is turned round.
-        windows = windows[:, centres.start - reach : centres.stop - reach : step]
-        return np.asarray(windows @ kernel[::-1])
-
-    def edges(signal: FloatArray, order: int) -> FloatArray:
-        signal = signal - signal.mean(axis=1, keepdims=True)
-        span = centres.stop - 1 - centres.start
-        rows = [filtered(signal, lower, span).T for lower in range(order)]
-        return np.array(rows).reshape(order, 2, recording.runs)
-
+    channels = [(recording.input(c.on), c.derivative) for c in model.channels]
+    given = factor, recording.dt, centres
     return Prepared(
         dt=recording.dt * factor,
-        inputs=tuple(filtered(recording.input(c.on), c.derivative) for c in model.channels),
-        edges=tuple(edges(recording.input(c.on), c.derivative) for c in model.channels),
-        control=filtered(recording.u, 0),
+        inputs=tuple(derivative(*channel, *given) for channel in channels),
+        edges=tuple(edges(*channel, *given) for channel in channels),
+        control=derivative(recording.u, 0, *given),
         first=before,
-        scored=seen_to + 1,
+        scored=scored,
         time=recording.time[centres],
     )
 
@@ -224,7 +210,7 @@ def lowpass(factor: int) -> FloatArray:
     if factor == 1:
         return np.ones(1)
     cutoff = math.pi / factor  # rad per sample
-    width = TRANSITION * cutoff
+    width = 0.35 * cutoff  # of the transition
     reach = math.ceil((ATTENUATION - 8.0) / (2.285 * width) / 2.0)
     beta = 0.1102 * (ATTENUATION - 8.7)
     k = np.arange(-reach, reach + 1)
@@ -249,38 +235,54 @@ def _difference(order: int) -> FloatArray:
     return np.asarray(0.5 * (weights + (-1.0) ** order * weights[::-1]))
 
 
-def derivative_kernel(order: int, smoothing: FloatArray) -> FloatArray:
+def _kernel(order: int, factor: int) -> FloatArray:
     """Convolution kernel of a low-pass filter and a derivative, per sample^order."""
-    if order == 0:
-        return smoothing
-    return np.convolve(smoothing, _difference(order)[::-1])
+    smoothing = lowpass(factor)
+    return smoothing if order == 0 else np.convolve(smoothing, _difference(order)[::-1])
+
+
+def half_width(order: int, factor: int) -> int:
+    """Samples on either side that a derivative behind the filter of a decimation takes."""
+    return (_kernel(order, factor).size - 1) // 2
+
+
+def derivative(signal: FloatArray, order: int, factor: int, dt: float, places: slice) -> FloatArray:
+    """A derivative of a signal, behind the low-pass filter of a decimation.
+
+    Parameters
+    ----------
+    signal
+        The signal as recorded, shape (runs, samples).
+    order
+        Order of the derivative, 0 for the signal itself.
+    factor, dt
+        Factor of the decimation, and sampling interval of the recording [s].
+    places
+        Which samples of it are wanted.
+    """
+    kernel = _kernel(order, factor) / dt**order
+    if kernel.size == 1:
+        return np.asarray(kernel[0] * signal[:, places])
+    reach = (kernel.size - 1) // 2
+    windows = sliding_window_view(signal, kernel.size, axis=1)
+    # Correlation, so the kernel is turned round.
+    windows = windows[:, places.start - reach : places.stop - reach : places.step]
+    return np.asarray(windows @ kernel[::-1])
+
+
+def edges(signal: FloatArray, order: int, factor: int, dt: float, places: slice) -> FloatArray:
+    """What is below a derivative, at the first and the last sample, shape (order, 2, runs).
+
+    It is `derivative` of the orders below, of the signal less its mean.
+    """
+    centred = signal - signal.mean(axis=1, keepdims=True)
+    ends = slice(places.start, places.stop, places.stop - 1 - places.start)
+    rows = [derivative(centred, lower, factor, dt, ends).T for lower in range(order)]
+    return np.array(rows).reshape(order, 2, len(signal))
 
 
 #: Samples that a whitening filter may reach back, and that one may to whom low frequencies matter.
 REACH, FAR = 20, 60
-
-
-def filters_and_slopes(
-    autocovariance: FloatArray, slopes: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Prediction-error filters of autocovariances, and their derivatives.
-
-    Parameters
-    ----------
-    autocovariance
-        Lags from 0, shape (sets, lags).
-    slopes
-        Its derivatives, shape (parameters, sets, lags).
-    """
-    order = autocovariance.shape[1] - 1
-    lags = np.abs(np.subtract.outer(np.arange(order), np.arange(order)))
-    inverse = np.linalg.inv(autocovariance[:, lags])
-    taps = np.ones_like(autocovariance)
-    taps[:, 1:] = -(inverse @ autocovariance[:, 1:, None])[..., 0]
-    derivatives = np.zeros((len(taps), len(slopes), order + 1))
-    right = slopes[..., 1:, None] + slopes[..., lags] @ taps[:, 1:, None]
-    derivatives[:, :, 1:] = np.swapaxes(-(inverse @ right)[..., 0], 0, 1)
-    return taps, derivatives
 
 
 def prediction_error_filters(autocovariance: FloatArray) -> FloatArray:
@@ -301,30 +303,6 @@ def prediction_error_filters(autocovariance: FloatArray) -> FloatArray:
         taps[:, 1 : order + 1] += reflection[:, None] * taps[:, order - 1 :: -1][:, :order]
         power = power * (1.0 - reflection * reflection)
     return taps
-
-
-def shifted_products(first: FloatArray, change: FloatArray) -> FloatArray:
-    """Inner products of a signal with itself at all pairs of lags.
-
-    Those of one pair of lags differ from those of the pair before by the samples at both ends
-    alone.
-
-    Parameters
-    ----------
-    first
-        Products of lag 0 with lags 0 to n, shape (..., n + 1).
-    change
-        Products of the samples gained less those of the samples lost, shape (..., n, n).
-
-    Returns
-    -------
-    Array of shape (..., n + 1, n + 1).
-    """
-    products = np.empty((*first.shape, first.shape[-1]))
-    products[..., 0, :] = products[..., 0] = first
-    for lag in range(change.shape[-1]):
-        products[..., lag + 1, 1:] = products[..., lag, :-1] + change[..., lag, :]
-    return products
 
 
 GRID = 256  # frequencies on which spectra of noise models are integrated
@@ -348,28 +326,23 @@ class Band:
         return np.asarray((np.arange(GRID) + 0.5) * (np.pi / (GRID * self.dt)), dtype=float)
 
     @cached_property
-    def folds(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
-        """Frequencies that decimation folds onto `omega`, and the filter's power there."""
-        if self.factor == 1:
-            return ((self.omega, np.ones(GRID)),)
-        folded = (self.omega, 2.0 * np.pi / self.dt - self.omega)
-        return tuple((w, self._filter_power(w)) for w in folded)
-
-    def _filter_power(self, omega: FloatArray) -> FloatArray:
-        taps = lowpass(self.factor)
-        k = np.arange(taps.size) - taps.size // 2
-        return np.asarray((np.cos(np.outer(omega * self.recorded_dt, k)) @ taps) ** 2)
-
-    @cached_property
     def cosines(self) -> FloatArray:
         """Maps a spectrum on `omega` to autocovariances, shape (grid, FAR + 1)."""
         return np.asarray(np.cos(np.outer(self.omega * self.dt, np.arange(FAR + 1))) / GRID)
 
     @cached_property
     def folded(self) -> tuple[FloatArray, FloatArray]:
-        """All frequencies of `folds`, and what maps a spectrum there to autocovariances."""
-        omega, weights = (np.concatenate(parts) for parts in zip(*self.folds, strict=True))
-        return omega, weights[:, None] * np.tile(self.cosines, (len(self.folds), 1))
+        """Frequencies that decimation folds into the band, and what maps spectra there.
+
+        It maps to autocovariances behind the low-pass filter.
+        """
+        if self.factor == 1:
+            return self.omega, self.cosines
+        omega = np.concatenate([self.omega, 2.0 * np.pi / self.dt - self.omega])
+        taps = lowpass(self.factor)
+        k = np.arange(taps.size) - taps.size // 2
+        power = (np.cos(np.outer(omega * self.recorded_dt, k)) @ taps) ** 2
+        return omega, power[:, None] * np.tile(self.cosines, (2, 1))
 
     def autocovariance(self, power: FloatArray, reach: int) -> FloatArray:
         """Autocovariances up to lag `reach` of spectra (..., n) at all frequencies of `folded`."""

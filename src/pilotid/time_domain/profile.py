@@ -10,23 +10,30 @@ other.  Whatever is as likely as the ends of an interval belongs into the interv
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, is_at_bound
+from pilotid.pilot.factors import Neuromuscular
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
 from pilotid.solve.least_squares import Bounds, Box, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.optimum import Optimum
+from pilotid.time_domain.settings import USUAL_SYSTEM_DEVIANCE
 
 #: About the interval of the time of a change, and of its rate, what is tried of the one (seconds
 #: beyond the interval, rates [1/s]: about two a decade), and from where the other is searched
-#: (rates, seconds about the time); tuned on adapting-slow and adapting-fast, docs/adapting.md.
+#: (rates, seconds about the time); tuned on adapting-slow and adapting-fast.
 SHIFTS, FROM_RATES = (0.25, 0.75, 1.5, 2.5, 4.0, 6.0), (0.4, 20.0)
 RATES, FROM_SHIFTS = (0.1, 0.2, 0.4, 0.8, 2.0, 6.0, 20.0, 100.0), (-2.0, -1.0, 0.0, 1.0, 2.0)
+
+#: Damping ratios of the neuromuscular systems of most people (yaw: .2 to .6).
+DAMPINGS = (0.3, 0.6)
 
 
 def profile_likelihood(found: Optimum) -> tuple[Optimum, Profile | None]:
@@ -64,14 +71,15 @@ def with_profile(estimate: Estimate, found: Optimum, profile: Profile) -> Estima
         See `profile_likelihood`.
     """
     sought, covariance = deviances(found), estimate.covariance
+    intervals = over_systems(found, profile.intervals)
     # The length of an interval tells the scatter of skewed estimates; the likelihood's
     # curvature at its maximum, from which the covariance is, only the middle of it.
-    length = np.diff(profile.intervals, axis=1)[:, 0]
+    length = np.diff(intervals, axis=1)[:, 0]
     factor = found.variance_factor * found.element_factor
     errors = length / (2.0 * np.sqrt(sought / factor))
     estimate = replace(
         estimate,
-        intervals=over_changes(found, profile.intervals, sought),
+        intervals=over_changes(found, intervals),
         errors=errors if (errors > 0.0).all() else None,
     )
     at_bound = is_at_bound(estimate.model, estimate.values)
@@ -87,6 +95,11 @@ def profile_about(found: Optimum) -> Profile | None:
     joint, end = found.joint, found.end
     if covariance_of(end.gram[0, :-1, :-1], found.variance) is None:
         return None
+    remnant = found.values[joint.pilot :]
+    others = [off_bounds(found)]
+    if len(found.competing):
+        starts = np.array([np.concatenate([pilot, remnant]) for pilot in found.competing])
+        others.insert(0, _ends(found, starts, joint))
     return profile_intervals(
         found.search.gram,
         joint,
@@ -95,17 +108,8 @@ def profile_about(found: Optimum) -> Profile | None:
         joint.pilot,
         estimated=found.freedom,
         widened=deviances(found) / CHI_SQUARED_95,
-        others=np.concatenate([competing_optima(found), off_bounds(found)]),
+        others=np.concatenate(others),
     )
-
-
-def competing_optima(found: Optimum) -> FloatArray:
-    """Other optima, with the best one's model of the remnant, shape (points, parameters)."""
-    remnant = found.values[found.joint.pilot :]
-    starts = [np.concatenate([pilot, remnant]) for pilot in found.competing]
-    if not starts:
-        return np.zeros((0, len(found.values)))
-    return _ends(found, np.array(starts), found.joint)
 
 
 def off_bounds(found: Optimum) -> FloatArray:
@@ -144,14 +148,53 @@ def deviances(found: Optimum) -> FloatArray:
 
     When a change was and how fast are one event with many optima, and the likeliest of these
     exceeds the truth by more than a single parameter's share: intervals of both are the shadows of
-    their joint region, that of two degrees of freedom (docs/adapting.md has what was measured).
+    their joint region, that of two degrees of freedom.
     """
     sought = np.full(found.joint.pilot, CHI_SQUARED_95)
     sought[list(found.joint.prediction.model.change)] = CHI_SQUARED_95_OF_TWO
     return np.asarray(found.variance_factor * found.element_factor * sought)
 
 
-def over_changes(found: Optimum, intervals: FloatArray, sought: FloatArray | float) -> FloatArray:
+def over_systems(found: Optimum, intervals: FloatArray) -> FloatArray:
+    """Intervals (parameters, 2) that hold a usual neuromuscular system, too, if it may be true.
+
+    Where forcing functions tell little of the system, the likelihood has many local optima, narrow
+    resonances among them, and the best exceeds the truth by more than chi-squared allows.  So an
+    unusual system is held against one of usual damping and frequency.
+
+    Parameters
+    ----------
+    found
+        The optimum.
+    intervals
+        Those of the profile about it.
+    """
+    joint, model = found.joint, found.joint.prediction.model
+    low, high = model.usual
+    factors = [factor for channel in model.channels for factor in channel.dynamics]
+    systems = {factor: None for factor in factors if isinstance(factor, Neuromuscular)}
+    for own in systems:
+        f, d = model.index[own.frequency_key], model.index[own.damping_key]
+        start = found.values.copy()
+        if low[f] < start[f] < high[f] and low[d] < start[d] < high[d]:
+            continue
+        limit = found.variance_factor * float(np.max(found.element_factor)) * USUAL_SYSTEM_DEVIANCE
+        for frequency, damping in product(np.geomspace(low[f], high[f], 5)[1:4], DAMPINGS):
+            point = start.copy()
+            point[[f, d]] = frequency, damping
+            # The sum of all delays, which is known best, stays.
+            point[list(model.delays)] += 2.0 * (start[d] / start[f] - damping / frequency)
+            held = Box.holding(Box.holding(joint, f, float(frequency)), d, damping)
+            point = np.clip(point, held.lower, held.upper)
+            end = minimise(found.search.gram, point[None], held, tolerance=1e-3, iterations=20)
+            if found.freedom * math.log(end.cost[0] / found.end.cost[0]) < limit:
+                usual = end.values[0, : joint.pilot]
+                lower, upper = intervals.T
+                intervals = np.stack([np.minimum(lower, usual), np.maximum(upper, usual)], axis=1)
+    return intervals
+
+
+def over_changes(found: Optimum, intervals: FloatArray) -> FloatArray:
     """Intervals (parameters, 2) that hold the optima of other changes, too.
 
     Parameters
@@ -160,27 +203,21 @@ def over_changes(found: Optimum, intervals: FloatArray, sought: FloatArray | flo
         The optimum.
     intervals
         Those of the profile about it.
-    sought
-        Deviance that an interval goes to, one or that of each parameter.
     """
     joint, optimum, pilot = found.joint, found.values, found.joint.pilot
-    share = np.broadcast_to(sought, pilot) / found.freedom
-    target = float(found.end.cost[0]) * np.exp(share)
-    result = intervals.copy()
     if not joint.prediction.model.changes:
-        return result
+        return intervals
+    result = intervals.copy()
+    target = float(found.end.cost[0]) * np.exp(deviances(found) / found.freedom)
     middle, rate = joint.prediction.model.change
     low, high = intervals[middle]
     beyond = [low - far for far in SHIFTS] + [high + far for far in SHIFTS]
-    tried: list[tuple[int, float, int, tuple[float, ...]]]
-    tried = [(middle, float(value), rate, FROM_RATES) for value in beyond]
     near = tuple(float(optimum[middle]) + shift for shift in FROM_SHIFTS)
-    tried += [
-        (rate, value, middle, near)
-        for value in RATES
-        if not intervals[rate, 0] <= value <= intervals[rate, 1]
-    ]
-    for fixed, value, other, starts in tried:
+    rates = [v for v in RATES if not intervals[rate, 0] <= v <= intervals[rate, 1]]
+    for fixed, value, other, starts in (
+        *((middle, float(value), rate, FROM_RATES) for value in beyond),
+        *((rate, value, middle, near) for value in rates),
+    ):
         if not joint.lower[fixed] <= value <= joint.upper[fixed]:
             continue
         points = np.tile(optimum, (len(starts), 1))

@@ -17,16 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.estimates.parts import RemnantEstimate
 from pilotid.support.types import BoolArray, FloatArray
-from pilotid.time_domain.prepare import (
-    FAR,
-    REACH,
-    Band,
-    filters_and_slopes,
-    prediction_error_filters,
-    shifted_products,
-)
+from pilotid.time_domain.prepare import FAR, REACH, Band, prediction_error_filters
 
 SPECTRA = 64  # spectra evaluated at once: about what the processor's cache holds
 
@@ -111,11 +103,18 @@ class LowPass:
         if self.order == 0 and band.factor == 1:
             return np.ones((len(values), 1)), np.zeros((len(values), 0, 1))
         power, log_slopes = self.power(band.folded[0], values)
-        slopes = np.array([power * slope for slope in log_slopes])
-        slopes = slopes.reshape(len(self.keys), *power.shape)
-        return filters_and_slopes(
-            band.autocovariance(power, self.reach), band.autocovariance(slopes, self.reach)
-        )
+        by_parameter = np.array([power * slope for slope in log_slopes])
+        by_parameter = by_parameter.reshape(len(self.keys), *power.shape)
+        own = band.autocovariance(power, self.reach)
+        own_slopes = band.autocovariance(by_parameter, self.reach)
+        lags = np.abs(np.subtract.outer(np.arange(self.reach), np.arange(self.reach)))
+        inverse = np.linalg.inv(own[:, lags])
+        taps = np.ones_like(own)
+        taps[:, 1:] = -(inverse @ own[:, 1:, None])[..., 0]
+        slopes = np.zeros((len(taps), len(own_slopes), self.reach + 1))
+        right = own_slopes[..., 1:, None] + own_slopes[..., lags] @ taps[:, 1:, None]
+        slopes[:, :, 1:] = np.swapaxes(-(inverse @ right)[..., 0], 0, 1)
+        return taps, slopes
 
     def filters(self, values: FloatArray, band: Band) -> FloatArray:
         if self.order == 0:
@@ -288,35 +287,6 @@ def _catalogue(model: LowPass, band: Band) -> tuple[FloatArray, FloatArray]:
     return grid, model.filters(grid, band)
 
 
-def remnant_estimate(
-    noise: NoiseModel, values: FloatArray, band: Band, innovation: float, control_power: float
-) -> RemnantEstimate:
-    """What a fitted noise model says of the remnant.
-
-    Parameters
-    ----------
-    noise, values
-        The model and its parameters, shape (parameters,).
-    band
-        The analysis band.
-    innovation
-        Variance of the prediction error.
-    control_power
-        Variance of the control in the band.
-    """
-    taps = noise.taps(values[None], band)[0][0]
-    response = np.exp(-1j * np.outer(band.omega * band.dt, np.arange(taps.size))) @ taps
-    density = innovation * band.dt / np.pi / np.abs(response) ** 2
-    power = float(np.mean(density) * np.pi / band.dt)
-    return RemnantEstimate(
-        noise.name,
-        dict(zip(noise.keys, values.tolist(), strict=True)),
-        power / control_power,
-        band.omega,
-        density,
-    )
-
-
 #: The families to choose from.
 NOISE_MODELS: tuple[NoiseModel, ...] = (
     *(LowPass(order) for order in range(4)),
@@ -339,7 +309,11 @@ def lagged_products(residual: FloatArray) -> FloatArray:
     runs, samples = residual.shape
     by_lag = [np.correlate(run, run[FAR:], mode="valid")[::-1] for run in residual]
     gained, lost = residual[:, FAR - 1 :: -1], residual[:, : samples - FAR - 1 : -1]
-    products = shifted_products(np.sum(by_lag, axis=0), gained.T @ gained - lost.T @ lost)
+    change = gained.T @ gained - lost.T @ lost
+    products = np.empty((FAR + 1, FAR + 1))
+    products[0] = products[:, 0] = np.sum(by_lag, axis=0)
+    for lag in range(FAR):  # those of the next pair of lags differ by the samples at both ends
+        products[lag + 1, 1:] = products[lag, :-1] + change[lag]
     return np.asarray(products / (runs * (samples - FAR)))
 
 

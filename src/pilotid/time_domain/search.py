@@ -24,11 +24,11 @@ import numpy as np
 
 from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.estimate import Starts, is_at_bound
-from pilotid.lines.fit import Pilots, fit_lines
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise, solve_linear
 from pilotid.solve.search import draw_starts, search
+from pilotid.spectral.equations import are_pilots, fit_lines
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.noise import RemnantChoice
@@ -36,7 +36,14 @@ from pilotid.time_domain.optimum import Candidates, Optimum
 from pilotid.time_domain.prediction import Prediction, predict, weighted
 from pilotid.time_domain.prepare import decimation
 from pilotid.time_domain.remnant_models import FIRST_NOISE_MODEL, WHITE, Whitener, guess_parameters
-from pilotid.time_domain.settings import SEARCH, LikelihoodSettings
+from pilotid.time_domain.settings import (
+    COMPETING_CRITERION,
+    LOOK_CRITERION,
+    MAX_EDGE_INFORMATION,
+    MAX_LOST_INFORMATION,
+    SAME_OPTIMUM_DISTANCE,
+    LikelihoodSettings,
+)
 
 
 def maximise_likelihood(
@@ -103,9 +110,11 @@ def lines_pilot(
     """The pilot that the forcing frequencies show, shape (1, parameters), if it is one."""
     if lines_objection(recording, model):
         return None
-    fit = fit_lines(recording, model, rng, candidates=96, refined=SEARCH.lines_refined, same=0.01)
+    # With 8 starts the optimum depended on the seed in 31 of 175 searches of seven pilots in yaw,
+    # with 24 in 16, all of one whose weights change from round to round.
+    fit = fit_lines(recording, model, rng, candidates=96, refined=24, same=0.01)
     pilot = fit.values[None]
-    return pilot if np.isfinite(pilot).all() and Pilots(recording, model)(pilot)[0] else None
+    return pilot if np.isfinite(pilot).all() and are_pilots(recording, model, pilot)[0] else None
 
 
 def is_sound(model: PilotModel, lines: FloatArray | None) -> bool:
@@ -191,7 +200,7 @@ def wide_enough(first: Optimum) -> bool:
     """
     prediction = first.joint.prediction
     biased = prediction.weighting is None or prediction.weighting.answers_at_once
-    most = SEARCH.max_edge_information if biased else SEARCH.max_lost_information
+    most = MAX_EDGE_INFORMATION if biased else MAX_LOST_INFORMATION
     return edge_information(prediction, first.pilot, first.whitener) <= most
 
 
@@ -259,12 +268,14 @@ def sweep(
     sizes = np.array([len(group) for group in met])
     kept = check.which(ends)
     passed = ends.only(np.repeat(kept, sizes[kept])).best_first()
-    candidates, agreeing = optima(passed, samples, SEARCH.sweep_deviance)
+    # The whitening of the sweep favours the pilot that it is from.
+    candidates, agreeing = optima(passed, samples, far=1000.0)
     candidates = np.concatenate([candidates, near])
     if len(candidates) > 1:
         own = own_remnants(first.joint, candidates)
         own = own.only(check.which(own))
-        candidates = optima(own, samples, SEARCH.candidate_deviance)[0][:, : first.joint.pilot]
+        # Binned spectra missed 170 in deviance once (populations).
+        candidates = optima(own, samples, far=300.0)[0][:, : first.joint.pilot]
     given_up = np.delete(rough.cost, [start for group in met for start in group])
     cost = np.sort(np.concatenate([np.repeat(ends.cost, sizes), given_up]))
     return candidates, Starts(cost / cost[0], agreeing), check
@@ -294,7 +305,7 @@ def together(ends: Minima, samples: int) -> list[list[int]]:
     return clusters(
         range(len(ends.values)),
         lambda first, index: (
-            ends.apart(ends.values[index], samples, first) <= SEARCH.same_optimum_distance
+            ends.apart(ends.values[index], samples, first) <= SAME_OPTIMUM_DISTANCE
         ),
     )
 
@@ -370,7 +381,7 @@ def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     kept = np.array([first.is_pilot for first in firsts])
     if kept.any():
         reached[~kept] = np.inf
-    near = np.flatnonzero(reached < np.min(reached) + SEARCH.look_criterion)
+    near = np.flatnonzero(reached < np.min(reached) + LOOK_CRITERION)
     ranked = near[np.argsort(reached[near], kind="stable")].tolist()
     met = clusters(ranked, lambda first, index: firsts[first].is_near(firsts[index].pilot))
     return [choices[group[0]] for group in met]
@@ -381,14 +392,14 @@ def _best_and_competing(tried: Sequence[Optimum]) -> tuple[Optimum, list[FloatAr
     passed = [each for each in tried if each.is_pilot] or list(tried)
     lowest = min(each.criterion for each in passed)
     # What is far behind where fits are compared does not compete.
-    far = lowest + 2.0 * SEARCH.competing_criterion
+    far = lowest + 2.0 * COMPETING_CRITERION
     passed = [each.refined() for each in passed if not each.criterion > far]
     best = min(passed, key=lambda each: each.criterion)
     reached, competing = [best.criterion], []
     for other in passed:
         criterion = other.criterion
         apart = min(abs(criterion - known) for known in reached)
-        if criterion < reached[0] + SEARCH.competing_criterion and apart > 0.01:
+        if criterion < reached[0] + COMPETING_CRITERION and apart > 0.01:
             reached.append(criterion)
             competing.append(other.pilot)
     return best, competing

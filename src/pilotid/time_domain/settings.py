@@ -62,77 +62,37 @@ class LikelihoodSettings(StartSettings):
     weighed: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class SearchSettings:
-    """The search for the optimum, see `pilotid.time_domain.search`.
-
-    Attributes
-    ----------
-    max_binned_width
-        Numerics: largest width of a bin of the binned spectra [rad/s]: a delay of 1 s turns by
-        20 deg over it.
-    adjoint_bins
-        Numerics: bins of all runs but one from which the adjoint takes less time.
-    max_edge_information
-        Tuned: share of the information on any parameter near the edge of a loop that answers at
-        once: a narrower band biases delays by up to 10 % (eight pilots in position control, 40
-        runs each; docs/remnant.md).
-    max_lost_information
-        Tuned: share of the information near the edge of other loops, where it is lost: steps have
-        .13 to .31 there, multisines .00 to .07 (populations usual and inner, seed 3003).
-    lines_refined
-        Tuned: starts that are minimised for the pilot of the forcing lines: with 8 the optimum
-        depended on the seed in 31 of 175 searches of seven pilots in yaw, with 24 in 16, all of
-        one whose weights change from round to round.
-    min_vaf_ratio
-        Tuned: VAF of the simulated control over that of the lines' pilot.  In populations right
-        optima have .90 or more; of people in stable loops some that are usable have little more
-        than half (subject gy with `pursuit`).
-    sweep_deviance
-        Tuned: deviance by which an optimum of the sweep may be worse than the best: the sweep's
-        whitening favours the pilot that it is from (populations).
-    candidate_deviance
-        Tuned: deviance by which a candidate with its own remnant may be worse: binned spectra
-        missed 170 once, and a right optimum was left out for it (populations).
-    same_optimum_distance
-        Statistics: squared distance of ends in standard errors below which they are one.
-    look_criterion
-        Tuned: by which a candidate's criterion may be higher on a first look (populations).
-    compared_tolerance
-        Numerics: relative decrease that ends fits that are compared, and searches that creep
-        along a flat valley.
-    reported_tolerance
-        Numerics: relative decrease of the cost that ends the fit that is reported.
-    contender_criterion
-        Tuned: by which remnant models may differ to be fitted both: the residual of a first
-        estimate decides no more than that (populations).
-    band_pass_penalty
-        Tuned: by which a band-pass must predict better, since its corner and the gain explain one
-        another (nominal, seed 1; exotic, seed 1502; docs/remnant.md).
-    competing_criterion
-        Statistics: by which another optimum's criterion may be higher to compete: more than the
-        3.84 of an interval's end.
-    """
-
-    max_binned_width: float = 0.35
-    adjoint_bins: int = 2500
-    max_edge_information: float = 0.01
-    max_lost_information: float = 0.1
-    lines_refined: int = 24
-    min_vaf_ratio: float = 0.5
-    sweep_deviance: float = 1000.0
-    candidate_deviance: float = 300.0
-    same_optimum_distance: float = 4.0
-    look_criterion: float = 20.0
-    compared_tolerance: float = 1e-6
-    reported_tolerance: float = 1e-10
-    contender_criterion: float = 20.0
-    band_pass_penalty: float = 7.0
-    competing_criterion: float = 5.0
-
-
-SEARCH = SearchSettings()
-
+#: Tuned: share of the information on any parameter near the edge of the band of a loop that answers
+#: at once: a narrower band biases delays by up to 10 % (eight pilots in position control, 40 runs
+#: each).
+MAX_EDGE_INFORMATION = 0.01
+#: Tuned: the same of other loops, where it is lost: steps have .13 to .31 there, multisines .00 to
+#: .07 (populations usual and inner, seed 3003).
+MAX_LOST_INFORMATION = 0.1
+#: Tuned: VAF of the simulated control over that of the lines' pilot.  In populations right optima
+#: have .90 or more; of people in stable loops some that are usable have little more than half
+#: (subject gy with `pursuit`).
+MIN_VAF_RATIO = 0.5
+#: Statistics: squared distance of ends in standard errors below which they are one.
+SAME_OPTIMUM_DISTANCE = 4.0
+#: Tuned: by which the criterion may be higher of a candidate on a first look, and of a remnant's
+#: model beside what a first pilot leaves (populations).
+LOOK_CRITERION = 20.0
+#: Numerics: relative decrease that ends fits that are compared, and searches that creep along a
+#: flat valley.
+COMPARED_TOLERANCE = 1e-6
+#: Numerics: relative decrease of the cost that ends the fit that is reported.
+REPORTED_TOLERANCE = 1e-10
+#: Tuned: by which a band-pass must predict better, since its corner and the gain explain one
+#: another (nominal, seed 1; exotic, seed 1502).
+BAND_PASS_PENALTY = 7.0
+#: Statistics: by which another optimum's criterion may be higher to compete: more than the 3.84 of
+#: an interval's end.
+COMPETING_CRITERION = 5.0
 #: Tuned: over the scored time, by how much likelihood ratios exceed chi-squared, as pilot and
-#: remnant share what there is [s] (short, seeds from 1000; docs/remnant.md).
+#: remnant share what there is [s] (short, seeds from 1000).
 BARTLETT_SECONDS = 5.0
+#: Tuned: deviance below which a recording does not tell an unusual neuromuscular system from a
+#: usual one: the best of many local optima exceeds the truth by up to 13 (disturbances of low
+#: frequency alone, 60 recordings).
+USUAL_SYSTEM_DEVIANCE = 15.0

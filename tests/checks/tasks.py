@@ -1,0 +1,44 @@
+"""Write the fixed tasks in datasets/tasks, as the code simulates them now."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+
+from pilotid.datasets import scenario_named
+from pilotid.datasets.fixed import FOLDER
+from pilotid.recordings.files import save_recording
+from pilotid.study.run import recording_of, scenario_of, truths_of
+from pilotid.support.disk import strict_json
+
+SCENARIOS = ("nominal", "single", "target-step", "population-usual")
+SEED, REPLICATIONS = 1, 5
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    held = {}
+    for name in SCENARIOS:
+        origin = scenario_named(name)
+        for replication in range(REPLICATIONS):
+            scenario = scenario_of(origin, SEED, replication)
+            recording = recording_of(origin, SEED, replication)
+            path = FOLDER / f"{name}-{replication}.npz"
+            save_recording(recording, path)
+            with np.load(path) as archive:
+                arrays = {key: archive[key] for key in archive.files}
+            signals = {key: arrays[key].astype(np.float32) for key in recording.arrays}
+            notes = {key: value for key, value in arrays.items() if key.startswith("pilotid.")}
+            stream = io.BytesIO()
+            np.savez_compressed(stream, **{**notes, "pilotid.dt": recording.dt, **signals})
+            path.write_bytes(stream.getvalue())
+            known = truths_of(scenario)
+            held[path.stem] = {
+                "scenario": name,
+                "replication": replication,
+                "model": scenario.model.name,
+                "truth": {key: truth for key, _, truth, _ in known},
+                "bound": {key: float(f"{bound:.6g}") for key, *_, bound in known if bound},
+            }
+    (FOLDER / "truth.json").write_text(strict_json(held))
+    print(sum(file.stat().st_size for file in FOLDER.iterdir()), "bytes")
