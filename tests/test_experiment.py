@@ -6,6 +6,7 @@ import math
 import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -345,3 +346,17 @@ def test_symbols(key: str, shown: str) -> None:
 def test_every_parameter_of_the_catalogue_has_a_symbol() -> None:
     keys = {key for model in MODELS.values() if not model.changes for key in model.keys}
     assert {key for key in keys if not symbol(key).startswith("$")} == set()
+
+
+def test_shifts_are_in_claimed_errors_of_estimates_that_count() -> None:
+    results = made({"C1": A}, {("2", "C1"): {"why": "at its bound"}})
+    varied = []
+    for fit in results.fits.fits:
+        (estimate,) = fit.content["estimates"]
+        key, unit, value, *rest = estimate["parameters"][0]
+        moved = {**estimate, "parameters": [[key, unit, value + 0.05, *rest]]}
+        varied.append(("band", replace(fit, content={**fit.content, "estimates": [moved]})))
+    table = replace(results, fits=replace(results.fits, varied=varied)).sensitivity
+    assert table.to_dict("records") == [
+        {"condition": "C1", "otherwise": "band", "method": "mle", "tlead": pytest.approx(0.5)}
+    ]

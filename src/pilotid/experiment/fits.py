@@ -10,8 +10,9 @@ from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from pilotid.element.fit import chosen_element
-from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.estimate import Estimate, Outcome, failed, is_at_bound
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.loops import Loops
@@ -21,7 +22,7 @@ from pilotid.experiment.cross_validation import failed_rows, predict_left_out
 from pilotid.experiment.files import CONDITION, SUBJECT, Part, in_order
 from pilotid.experiment.performance import lines_shared, performance
 from pilotid.jobs import Loss, run_tasks
-from pilotid.methods.fourier import Fourier
+from pilotid.methods.fourier import first_step_of
 from pilotid.model_choice import (
     Candidate,
     Choice,
@@ -119,14 +120,9 @@ class Settings:
         every = list(combinations(in_order(conditions), 2))
         if self.factors is None:
             return every
-        levels = self.factors.to_dict("index")
-        return [
-            (a, b)
-            for a, b in every
-            if a in levels
-            and b in levels
-            and sum(levels[a][f] != levels[b][f] for f in levels[a]) == 1
-        ]
+        levels = self.factors
+        own = [(a, b) for a, b in every if {a, b} <= {*levels.index}]
+        return [(a, b) for a, b in own if (levels.loc[a] != levels.loc[b]).sum() == 1]
 
 
 @dataclass(frozen=True)
@@ -360,17 +356,15 @@ def _row(q: Quantity, why: str = "") -> list[object]:
 
 def _responses(recording: Recording, model: PilotModel, run: int | None) -> list[list[object]]:
     """Channel, frequency, real and imaginary part and error of each coefficient at the lines."""
-    if run is not None or model.changes or lines_objection(recording, model):
+    found = first_step_of(recording, model) if run is None and not model.changes else None
+    if found is None:
         return []
-    found = Fourier().first_step(recording, model)
+    parts = zip(model.channels, found.value, found.std, strict=True)
     return [
         [channel.name, *numbers]
-        for channel, value, error in zip(model.channels, found.value, found.std, strict=True)
-        for numbers in zip(
-            found.omega.tolist(), value.real.tolist(), value.imag.tolist(), error.tolist(),
-            strict=True,
-        )
-    ]  # fmt: skip
+        for channel, value, error in parts
+        for numbers in np.transpose([found.omega, value.real, value.imag, error]).tolist()
+    ]
 
 
 def _graded(told: Iterable[str]) -> list[tuple[str, str, str]]:

@@ -34,7 +34,7 @@ from pilotid.support.types import printable
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-FEW, MOST = 3, 6  # pairs of which all differences are shown first; differences in the summary
+FEW = 3  # pairs of which all differences are shown first
 #: Quantities of signals that are shown first; all others are parts of them.
 HEADLINES = ("var_e", "var_u", "remnant_share_u")
 #: By title, the columns of a frame that a column of a table is made of, and what writes them.
@@ -278,26 +278,17 @@ def summary(results: Results) -> Iterator[str]:
     """What a reader must know first, a sentence each."""
     found, shown = results.contrasts, results.shown
     if len(found):
-        clear = found[found["p_holm"] < LEVEL]
         quantities = found.groupby([*results.strata, "method", "parameter"]).ngroups
-        named = clear.sort_values("p_holm", kind="stable").head(MOST)
-        told = (
-            f"{' '.join(row[n] for n in results.strata)} {row['condition_a']}:{row['condition_b']} "
-            f"{row['parameter']} {plus_minus(row['difference'], row['std_error'])} {row['unit']}"
-            for row in named.to_dict("records")
-        )
         yield (
-            f"{len(clear)} of {len(found)} differences have p < {LEVEL:g} (Holm's correction is "
-            "for the pairs, not for the number of quantities: by chance about "
-            f"{LEVEL * quantities:.2g} of {quantities} would): {'; '.join(map(str.strip, told))}."
+            f"{(found['p_holm'] < LEVEL).sum()} of {len(found)} differences have p < {LEVEL:g} "
+            "(Holm's correction is for the pairs, not for the number of quantities: by chance "
+            f"about {LEVEL * quantities:.2g} of {quantities} would)."
         )
-    out = shown[shown[LEFT_OUT] != ""]
-    if len(out):
-        counts = out.groupby(["parameter", LEFT_OUT], sort=False).size()
-        words = ", ".join(f"{key} {why} ({count})" for (key, why), count in counts.items())
+    out = int((shown[LEFT_OUT] != "").sum())
+    if out:
         yield (
-            f"{len(out)} of {len(shown)} estimates count in no mean, test or figure (`--keep-all` "
-            f"counts them): {words}."
+            f"{out} of {len(shown)} estimates count in no mean, test or figure (`--keep-all` "
+            "counts them); the last column of their table says which and why."
         )
     ends = Counter(e["outcome"] for f in results.fits.fits for e in f.content["estimates"])
     yield f"Fits: {', '.join(f'{count} {outcome}' for outcome, count in ends.items())}."
@@ -379,7 +370,7 @@ def write_report(path: Path, results: Results, command: str, versions: str) -> N
         supplement.insert(0, effect_table(results))
     if fits.varied:
         found = results.sensitivity
-        keys = [*results.strata, CONDITION, "otherwise", "method"]
+        keys = [n for n in (*results.strata, CONDITION, "otherwise", "method") if n in found]
         shifts: Columns = {name: (name, "{:.1f}".format) for name in found if name not in keys}
         caption = "Shifts of estimates in claimed errors, means over subjects, by other ways to fit"
         supplement.insert(0, frame_table(found, caption, shifts, keys, 0))

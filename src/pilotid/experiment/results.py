@@ -18,7 +18,7 @@ import numpy as np
 
 from pilotid.experiment.cross_validation import COLUMNS as LEFT_OUT_COLUMNS
 from pilotid.experiment.files import CONDITION, SUBJECT, in_order
-from pilotid.experiment.fits import Fits, Group, candidates_of, group_of, remarks_of
+from pilotid.experiment.fits import Fit, Fits, Group, candidates_of, group_of, remarks_of
 from pilotid.experiment.statistics import anova, holm, paired, subjects_needed
 from pilotid.support.numbers import LEVEL
 from pilotid.support.types import InputError
@@ -143,23 +143,21 @@ class Results:
     @property
     def sensitivity(self) -> DataFrame:
         """Mean shifts of parameters that count, in claimed errors, by other ways to fit."""
-        from pandas import DataFrame
+        from pandas import DataFrame, concat
 
-        known = self.shown[self.shown[LEFT_OUT] == ""]
-        base = known.set_index(["file", "model", "method", "parameter"])[["value", "std_error"]]
-        rows = []
-        for word, fit in self.fits.varied:
-            head = (*fit.part.stratum, fit.part.field(CONDITION), word)
-            for e in fit.content["estimates"]:
-                for key, _, value, *_, why in e["parameters"] if e["usable"] else ():
-                    place = (fit.part.name, fit.content["model"], e["method"], key)
-                    if place in base.index and not why:
-                        own = base.loc[place]
-                        shift = (value - own["value"]) / own["std_error"]
-                        rows.append((*head, e["method"], key, shift))
-        keys = [*self.strata, CONDITION, "otherwise", "method"]
-        frame = DataFrame(rows, columns=[*keys, "parameter", "shift"])
-        return frame.pivot_table("shift", keys, "parameter", sort=False).reset_index()
+        heads = ["file", *self.fits.fields, "element", *COLUMNS]
+        other = concat(
+            DataFrame([*_rows(self.fits, "parameters", [fit])], columns=heads).assign(
+                otherwise=word
+            )
+            for word, fit in self.fits.varied
+        )
+        names = ["file", "model", "method", "parameter"]
+        both = other.merge(self.shown[[*names, "value", "std_error", LEFT_OUT]], on=names)
+        both = both[(both[f"{LEFT_OUT}_x"] == "") & (both[f"{LEFT_OUT}_y"] == "")]
+        both["shift"] = (both["value_x"] - both["value_y"]) / both["std_error_y"]
+        keys = [n for n in (*self.strata, CONDITION, "otherwise", "method") if n in both]
+        return both.pivot_table("shift", keys, "parameter", sort=False).reset_index()
 
     @property
     def left_out(self) -> DataFrame:
@@ -197,7 +195,11 @@ def results_of(fits: Fits) -> Results:
     heads = ["file", *fields, "element", *COLUMNS]
     measured, rows, loops = (
         DataFrame([*own], columns=heads).astype({"run": "Int64"})
-        for own in (_measured(fits), _rows(fits, "parameters"), _rows(fits, "loops"))
+        for own in (
+            _measured(fits),
+            _rows(fits, "parameters", fits.fits),
+            _rows(fits, "loops", fits.fits),
+        )
     )
     # Of a pilot who changes there is no loop, and nothing to show.
     loops = loops[loops.groupby(["model", "parameter"])["value"].transform("count") > 0]
@@ -265,11 +267,11 @@ def _t95(freedom: int) -> float:
     return float(stdtrit(freedom, 1.0 - 0.5 * LEVEL))
 
 
-def _rows(fits: Fits, what: str) -> Iterator[list[object]]:
-    """Rows of the parameters or the loops of every fit."""
+def _rows(fits: Fits, what: str, of: Sequence[Fit]) -> Iterator[list[object]]:
+    """Rows of the parameters or the loops of some fits."""
     told = {"parameters": "remarks", "loops": "loop_remarks"}[what]
     ignored, keep_all = fits.settings.ignored, fits.settings.keep_all
-    for fit in fits.fits:
+    for fit in of:
         head = [fit.part.name, *dict(fit.part.fields).values(), fit.content["element"], fit.run]
         recording = _wrong(fits, fits.looks[fit.part]["remarks"])
         for e in fit.content["estimates"]:
@@ -485,21 +487,13 @@ def _tested(
 
 def _not_compared(fits: Fits) -> Iterator[str]:
     """Which conditions have no parameters in common, and which have a model that does not suit."""
-    unlike, unsuited = [], []
     for (stratum, conditions), (models, suits) in fits.compared.items():
         words = " ".join((*stratum, ":".join(conditions)))
         if not models:
-            unlike.append(words)
+            yield (
+                f"{words}: no model is determined in all these conditions; what means the same in "
+                "every model is compared, parameters are not."
+            )
         elif not suits:
-            unsuited.append(f"{words} ({', '.join(dict.fromkeys(models.values()))})")
-    if unlike:
-        yield (
-            "No model is determined in all conditions of "
-            f"{', '.join(unlike)}: their parameters are not compared; variances, crossovers, "
-            "margins and effective delays, which mean the same in every model, are."
-        )
-    if unsuited:
-        yield (
-            f"The models of {', '.join(unsuited)} describe one of the conditions clearly worse "
-            "than its own model does."
-        )
+            names = ", ".join(dict.fromkeys(models.values()))
+            yield f"{words}: {names} describes one condition clearly worse than its own model does."

@@ -604,7 +604,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     return Prediction(
         model=model,
         band=analysis_band(recording.dt, band),
-        s=2j * np.pi * np.fft.rfftfreq(length, prepared.dt),
+        s=np.asarray(2j * np.pi * np.fft.rfftfreq(length, prepared.dt), dtype=complex),
         spectra=tuple(
             channel.sign * transformed(signal, below)
             if own is None

@@ -21,7 +21,7 @@ from pilotid.pilot.factors import Neuromuscular
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
 from pilotid.solve.least_squares import Bounds, Box, minimise
-from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO
+from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO, Z95
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.settings import USUAL_SYSTEM_DEVIANCE
@@ -32,8 +32,10 @@ from pilotid.time_domain.settings import USUAL_SYSTEM_DEVIANCE
 SHIFTS, FROM_RATES = (0.25, 0.75, 1.5, 2.5, 4.0, 6.0), (0.4, 20.0)
 RATES, FROM_SHIFTS = (0.1, 0.2, 0.4, 0.8, 2.0, 6.0, 20.0, 100.0), (-2.0, -1.0, 0.0, 1.0, 2.0)
 
-#: Damping ratios of the neuromuscular systems of most people (yaw: .2 to .6).
-DAMPINGS = (0.3, 0.6)
+#: Frequencies [rad/s] and damping ratios of the neuromuscular systems of most people.
+FREQUENCIES, DAMPINGS = (8.0, 11.0, 15.0), (0.2, 0.3, 0.6)
+#: Standard errors of a damping ratio beyond which it is surely another one.
+SURE = 10.0
 
 
 def profile_likelihood(found: Optimum) -> tuple[Optimum, Profile | None]:
@@ -170,27 +172,31 @@ def over_systems(found: Optimum, intervals: FloatArray) -> FloatArray:
         Those of the profile about it.
     """
     joint, model = found.joint, found.joint.prediction.model
-    low, high = model.usual
     factors = [factor for channel in model.channels for factor in channel.dynamics]
     systems = {factor: None for factor in factors if isinstance(factor, Neuromuscular)}
     for own in systems:
         f, d = model.index[own.frequency_key], model.index[own.damping_key]
         start = found.values.copy()
-        if low[f] < start[f] < high[f] and low[d] < start[d] < high[d]:
+        usual = (
+            FREQUENCIES[0] < start[f] < FREQUENCIES[-1] and DAMPINGS[0] < start[d] < DAMPINGS[-1]
+        )
+        error = math.log(intervals[d, 1] / intervals[d, 0]) / (2.0 * Z95)
+        if usual or abs(math.log(start[d] / DAMPINGS[1])) > SURE * error:
             continue
-        limit = found.variance_factor * float(np.max(found.element_factor)) * USUAL_SYSTEM_DEVIANCE
-        for frequency, damping in product(np.geomspace(low[f], high[f], 5)[1:4], DAMPINGS):
+        factor = found.variance_factor * float(np.max(found.element_factor))
+        limit = float(found.end.cost[0]) * math.exp(factor * USUAL_SYSTEM_DEVIANCE / found.freedom)
+        for frequency, damping in product(FREQUENCIES, DAMPINGS[1:]):
             point = start.copy()
             point[[f, d]] = frequency, damping
             # The sum of all delays, which is known best, stays.
             point[list(model.delays)] += 2.0 * (start[d] / start[f] - damping / frequency)
-            held = Box.holding(Box.holding(joint, f, float(frequency)), d, damping)
+            held = Box.holding(Box.holding(joint, f, frequency), d, damping)
             point = np.clip(point, held.lower, held.upper)
             end = minimise(found.search.gram, point[None], held, tolerance=1e-3, iterations=20)
-            if found.freedom * math.log(end.cost[0] / found.end.cost[0]) < limit:
-                usual = end.values[0, : joint.pilot]
+            if end.cost[0] < limit:
+                there = end.values[0, : joint.pilot]
                 lower, upper = intervals.T
-                intervals = np.stack([np.minimum(lower, usual), np.maximum(upper, usual)], axis=1)
+                intervals = np.stack([np.minimum(lower, there), np.maximum(upper, there)], axis=1)
     return intervals
 
 
