@@ -167,7 +167,7 @@ def responses_figure(responses: DataFrame) -> Figure | None:
     if not len(responses):
         return None
     channels = [*dict.fromkeys(responses["channel"])]
-    with journal_figure(3.6) as figure:
+    with journal_figure(3.0) as figure:
         panels = figure.subplots(2, len(channels), squeeze=False, sharex=True, height_ratios=(3, 2))
         for (above, below), channel in zip(panels.T, channels, strict=True):
             own = responses[responses["channel"] == channel]

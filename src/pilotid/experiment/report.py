@@ -309,8 +309,9 @@ def blocks(results: Results, page: Path | None) -> Iterator[str | Table]:
 
 def choices(results: Results) -> Iterator[str]:
     """Why each model was chosen."""
+    settings = results.fits.settings
     for group, choice in results.fits.choices.items():
-        if choice.reason:
+        if choice.reason and (settings.auto or len(settings.models) > 1):
             yield f"**{' '.join(group)}** {choice.reason}"
 
 
@@ -353,14 +354,20 @@ def write_report(path: Path, results: Results, command: str, versions: str) -> N
     save_figures(path.parent / FIGURES, figures)
     main: list[Table] = []
     supplement = [*means_tables(results), model_table(results), recording_table(results)]
+    missing: list[str] = []
     if len(contrasts):
-        main.append(contrast_table(results, *notable(results), TESTED))
+        shown, caption = notable(results)
+        columns: Columns = {k: v for k, v in TESTED.items() if k != "notes"}
+        main.append(contrast_table(results, shown, caption, columns))
+        keys = [*results.strata, "condition_a", "condition_b", "parameter", "notes"]
+        rows = shown.loc[shown["notes"] != "", keys].itertuples(index=False, name=None)
+        missing += [f"{' '.join(dict.fromkeys(row[:-1]))}: {row[-1]}" for row in rows]
         supplement.insert(0, contrast_table(results, contrasts, "All differences", TESTED))
         caption = (
             f"Subjects with whom {100 * POWER:.0f} % of paired tests at 5 % find a difference of "
             f"{100 * SHARE:.0f} %, by the spread of the differences measured here"
         )
-        columns: Columns = {
+        columns = {
             "method": ("method", None),
             "parameter": ("parameter", None),
             "spread %": ("spread", percent),
@@ -388,6 +395,7 @@ def write_report(path: Path, results: Results, command: str, versions: str) -> N
         excluded=[part.words for part in fits.settings.excluded],
         refused=list(fits.refused),
         main=main,
+        missing=missing,
         figures=figures,
         choices=[*choices(results)],
         supplement=supplement,
@@ -416,6 +424,7 @@ def _figures(results: Results) -> Iterator[Figure]:
         )
         drawn.append(("responses", responses_figure(own), words))
     counts: Counter[str] = Counter()
+    drawn.sort(key=lambda own: own[0] == "estimates")  # the tall ones last, for fewer pages
     for kind, drawing, words in drawn:
         if drawing is not None:
             counts[kind] += 1

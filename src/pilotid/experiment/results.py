@@ -394,7 +394,7 @@ def _contrast(
             elif why:
                 out.append(f"subject {subject}, {found['parameter']} {why} in {condition}")
     if out:
-        notes.append(f"n = {len(whole)} of {len(both)}: {'; '.join(out)}")
+        notes.append(f"n = {len(whole)} of {len(both)}: {'; '.join(dict.fromkeys(out))}")
     numbers = paired(whole["value_a"].to_numpy(), whole["value_b"].to_numpy())
     if len(units) > 1:
         numbers = {"subjects": len(whole)}
