@@ -108,8 +108,8 @@ def _by_delta(estimate: Fit, element: ControlledElement) -> list[Loop]:
             continue
         slopes = margin_slopes(model, values, element, found.crossover)[i]
         delay = float(effective_delay(found.crossover, found.phase_margin))
-        of_delay = -(delay * slopes[0] + np.radians(slopes[1])) / found.crossover
-        slopes = np.vstack([slopes, of_delay])
+        by_delay = -(delay * slopes[0] + np.radians(slopes[1])) / found.crossover
+        slopes = np.vstack([slopes, by_delay])
         errors = np.sqrt(np.einsum("qi,ij,qj->q", slopes, covariance, slopes))
         numbers = (found.crossover, found.phase_margin, delay)
         crossover, phase_margin, late = (
@@ -211,12 +211,11 @@ def sampled_loops(
         told = no_loop(name, remark, own.others)
         if len(kept):
             numbers = (frequency, phase, effective_delay(frequency, phase))
-            three = (
+            crossover, phase_margin, late = (
                 sampled(key, unit, own)
                 for (key, unit), own in zip(loop_keys(name), numbers, strict=True)
             )
-            crossing, margin_there, late = three
-            told = Loop(name, crossing, margin_there, late, own.others, remark)
+            told = Loop(name, crossover, phase_margin, late, own.others, remark)
         result.append(SampledLoop(told, frequency, phase))
     return result
 
