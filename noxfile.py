@@ -65,7 +65,7 @@ def compare(session: nox.Session) -> None:
 
 @nox.session
 def bench(session: nox.Session) -> None:
-    """Time the methods; `-- --compare` says what became slower than stored."""
+    """Time the methods; `-- --compare` says what is slower, `-- --method F.py:X` times yours."""
     session.install("-e", ".", *groups("tests"))
     session.run("pytest", "tests/benchmarks", *session.posargs, env={"OMP_NUM_THREADS": "1"})
 

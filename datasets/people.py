@@ -46,6 +46,13 @@ def recordings_in(folder: Path, name: str) -> list[Path]:
     return sorted(folder.glob(files))
 
 
+def folder_of(name: str) -> Path:
+    """Where the files of an experiment are, or would be."""
+    import pooch
+
+    return Path(os.environ.get(FOLDER) or pooch.os_cache("pilotid")) / name
+
+
 def fetch(name: str, source: Path | None = None) -> Path:
     """The folder with the files of an experiment, which are fetched where they are not there yet.
 
@@ -72,7 +79,7 @@ def fetch(name: str, source: Path | None = None) -> Path:
 
     people = PEOPLE[name]
     pooch.get_logger().setLevel("WARNING")
-    folder = Path(os.environ.get(FOLDER) or pooch.os_cache("pilotid")) / name
+    folder = folder_of(name)
     files = pooch.create(folder, people["address"], registry=published(name))
     for file in files.registry:
         try:

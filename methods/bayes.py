@@ -29,20 +29,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from pilotid.estimates.applicability import one_signal
-from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.warnings import is_vague
 from pilotid.pilot.model import PilotModel
-from pilotid.posterior.ensembles import DEFAULT_RUN, Chains, Run, ensembles
-from pilotid.posterior.importance import Weighted, importance
 from pilotid.posterior.likelihood import Marginal, Posterior, Prior, priors_of
+from pilotid.posterior.sampling import sample
 from pilotid.recordings.recording import Recording
-from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.output_error import make_estimate, too_short
 from pilotid.time_domain.remnant_models import LowPass
@@ -55,20 +52,6 @@ SUMMITS = (
     "without a target the posterior has several summits, and no sampler here finds them all "
     "reliably; record with a target and a disturbance, or fit one channel"
 )
-
-
-#: Steps of an emcee run, at the most, where it only stands in for importance sampling.
-SHORT = 500
-
-Sampler = Literal["auto", "importance", "emcee"]
-
-
-class Sampled(NamedTuple):
-    """Draws, whether there are as many effective ones as asked, and a note for the reader."""
-
-    draws: Draws | None
-    converged: bool
-    message: str
 
 
 class Inference(NamedTuple):
@@ -88,9 +71,6 @@ class Bayes(LikelihoodSettings):
         See `pilotid.time_domain.settings.LikelihoodSettings`.
     likelihood
         ``remnant`` whitens by the remnant's spectrum, ``white`` takes the residual for white.
-    sampler
-        ``importance``, ``emcee``, or ``auto``: importance sampling, which takes a fraction of
-        a second, and emcee where that fails.
     prior
         How much wider the priors of the pilot's parameters are than the default ones.
     priors
@@ -98,32 +78,26 @@ class Bayes(LikelihoodSettings):
         distribution of scipy.stats, truncated at the model's bounds.
     intervals
         ``equal-tailed`` or ``highest-density``, the shortest.
-    draws, wanted
-        Draws of the importance sampler, and how many effective ones it must give.  With 400
-        the Monte-Carlo error of the ends of intervals is 0.13 standard errors, which costs
-        0.2 % of coverage.
-    run
-        Length of an emcee run.
+    effective
+        Effective number of draws that every parameter must have.  With 400 the Monte-Carlo error
+        of the ends of intervals is 0.13 standard errors, which costs 0.2 % of coverage.
+    most
+        Steps of each ensemble of walkers at the most.
     """
 
     likelihood: Literal["remnant", "white"] = "remnant"
-    sampler: Sampler = "auto"
     prior: float = 1.0
     priors: tuple[tuple[str, Prior], ...] = ()
     intervals: Literal["equal-tailed", "highest-density"] = "equal-tailed"
-    draws: int = 4000
-    wanted: float = 400.0
-    run: Run = DEFAULT_RUN
+    effective: float = 400.0
+    most: int = 1500
+
+    libraries: ClassVar[tuple[str, ...]] = ("emcee",)
 
     @property
     def name(self) -> str:
         """``bayes``, or ``bayes-white`` for a white likelihood."""
         return "bayes" if self.likelihood == "remnant" else "bayes-white"
-
-    @property
-    def libraries(self) -> tuple[str, ...]:
-        """``emcee`` where it is asked for; importance sampling does without."""
-        return ("emcee",) if self.sampler == "emcee" else ()
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """None: any recording and any model will do."""
@@ -157,7 +131,7 @@ class Bayes(LikelihoodSettings):
         recording, model, rng
             As for `fit`.
         watch
-            Is told the share of an emcee run that is done.
+            Is told the share of the run that is done.
         """
         white = self.likelihood == "white"
         settings = replace(self, noise=LowPass(0), loop=False) if white else self
@@ -165,11 +139,15 @@ class Bayes(LikelihoodSettings):
         joint = found.joint
         likelihood = Marginal(joint, 1.0 if white else found.variance_factor)
         posterior = Posterior(likelihood, priors_of(model, joint.noise, self.priors, self.prior))
-        sampled = self._sampled(posterior, posterior.approximation(found), rng, watch)
-        draws = sampled.draws
+        start = posterior.approximation(found)
+        draws = sample(posterior, *start, rng, self.effective, self.most, watch)
         if draws is None:
-            nothing = failed(self.name, model, Outcome.NOT_CONVERGED, sampled.message)
-            return Inference(nothing, likelihood)
+            why = "the posterior density is zero around the best fit"
+            return Inference(failed(self.name, model, Outcome.NOT_CONVERGED, why), likelihood)
+        message = (
+            f"after {draws.chains[1]} steps the ensembles have {draws.effective.min():.0f} "
+            f"effective draws, of {self.effective:.0f} wanted, and R-hat {draws.r_hat.max():.3f}"
+        )
         pilot = joint.pilot
         values = draws.centre[:pilot]
         highest = self.intervals == "highest-density"
@@ -180,10 +158,10 @@ class Bayes(LikelihoodSettings):
             model,
             values,
             draws.covariance[:pilot, :pilot],
-            converged=sampled.converged,
+            converged=draws.converged,
             optimum=found.end.values[0, :pilot],
         )
-        words = (estimate.message, sampled.message)
+        words = (estimate.message, "" if draws.converged else message)
         estimate = replace(
             estimate,
             intervals=intervals[:pilot],
@@ -199,71 +177,3 @@ class Bayes(LikelihoodSettings):
             # Several summits, far apart: draws about one of them look as good as any others.
             estimate = replace(estimate, outcome=Outcome.NOT_CONVERGED, message=SUMMITS)
         return Inference(estimate, likelihood)
-
-    def _sampled(
-        self,
-        posterior: Posterior,
-        start: tuple[FloatArray, FloatArray],
-        rng: np.random.Generator,
-        watch: Callable[[float], None] | None,
-    ) -> Sampled:
-        """Draws by the sampler asked for, which begins at a mode with a covariance."""
-        run, message = self.run, ""
-        if self.sampler != "emcee":
-            weighted = importance(
-                posterior.log_density, *start, rng, count=self.draws, wanted=self.wanted
-            )
-            enough = weighted.effective >= self.wanted
-            few = f"importance sampling gave {weighted.effective:.0f} effective draws only"
-            if enough or self.sampler == "importance":
-                return Sampled(_weighted(posterior, weighted), enough, "" if enough else few)
-            message = f"{few}, so emcee took over"
-            start = weighted.moments(*start)
-            run = replace(run, effective=self.wanted, most=min(run.most, SHORT))
-        chains = ensembles(posterior.log_density, *start, rng, run, watch)
-        if chains is None:
-            return Sampled(None, False, "the posterior density is zero around the best fit")
-        if not chains.converged:
-            message = (
-                f"after {chains.steps} steps the ensembles have {np.min(chains.effective):.0f} "
-                f"effective draws, of {run.effective:.0f} wanted, and R-hat "
-                f"{np.max(chains.r_hat):.3f}"
-            )
-        return Sampled(_drawn(posterior, chains), chains.converged, message)
-
-
-def _weighted(posterior: Posterior, weighted: Weighted) -> Draws:
-    # Points outside the bounds may be beyond what numbers can hold; they have no weight.
-    inside = weighted.weights > 0.0
-    values = posterior.values(weighted.points[inside])
-    parameters = values.shape[1]
-    return Draws(
-        "importance",
-        posterior.likelihood.keys,
-        posterior.likelihood.positive,
-        values,
-        weighted.log_density[inside],
-        weighted.weights[inside],
-        chains=(1, len(values), 1),
-        effective=np.full(parameters, weighted.effective),
-        r_hat=np.full(parameters, np.nan),
-        autocorrelation=np.ones(parameters),
-    )
-
-
-def _drawn(posterior: Posterior, chains: Chains) -> Draws:
-    count, steps, walkers, parameters = chains.points.shape
-    values = posterior.values(chains.points.reshape(-1, parameters))
-    return Draws(
-        "emcee",
-        posterior.likelihood.keys,
-        posterior.likelihood.positive,
-        values,
-        chains.log_density.ravel(),
-        np.full(len(values), 1.0 / len(values)),
-        chains=(count, steps, walkers),
-        effective=chains.effective,
-        r_hat=chains.r_hat,
-        autocorrelation=chains.autocorrelation,
-        acceptance=chains.acceptance,
-    )

@@ -135,11 +135,13 @@ class SINDy:
                 f"{structure.parameters} candidate terms; use a longer recording or more runs",
             )
         sparse = self.regress(library, structure, rng)
-        reason = unusable(sparse, model)
-        if not reason:
-            response = self.response(recording, model, sparse, library.dt)
-            reason = undetermined(response, model)
-        if reason:
+        dt, count = library.dt, np.count_nonzero(sparse.coefficients)
+        lowest = max(self.lowest, 2.0 * np.pi / recording.duration)
+        omega = np.geomspace(lowest, min(self.highest, 0.9 * np.pi / dt), self.points)
+        delays = " and ".join(f"{d * dt:.2f} s" for d in structure.delays)
+        note = f"sparse model of {count} of {structure.parameters} terms, first lags {delays}"
+        response = channel_response(model, omega, dt, sparse, self.misfit, note)
+        if reason := unusable(sparse, model) or undetermined(response, model):
             return failed(self.name, model, Outcome.UNSTABLE_MODEL, reason)
         estimate = second_step(self.name, recording, model, response, rng)
         return against_recording(estimate, library.prediction, rng)
@@ -159,19 +161,6 @@ class SINDy:
         variance = cost / (library.count - size)
         covariance = ensemble_covariance(members - coefficients, triangle[:size, :size], variance)
         return BlackBox(structure, coefficients, covariance)
-
-    def response(
-        self, recording: Recording, model: PilotModel, sparse: BlackBox, dt: float
-    ) -> FrequencyResponse:
-        """Frequency response of a sparse model, with the allowance for its misfit."""
-        lowest = max(self.lowest, 2.0 * np.pi / recording.duration)
-        omega = np.geomspace(lowest, min(self.highest, 0.9 * np.pi / dt), self.points)
-        delays = " and ".join(f"{d * dt:.2f} s" for d in sparse.structure.delays)
-        note = (
-            f"sparse model of {np.count_nonzero(sparse.coefficients)} of "
-            f"{sparse.structure.parameters} terms, first lags {delays}"
-        )
-        return channel_response(model, omega, dt, sparse, self.misfit, note)
 
 
 class Library:

@@ -1,4 +1,4 @@
-"""`bayes`: its likelihood, its samplers against one another, and what it does when all fails."""
+"""`bayes`: its likelihood, its draws, and what it does when they are too few."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from helpers import fit_of
 from scipy import stats
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.datasets.population import POPULATIONS
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import identify
@@ -18,7 +17,6 @@ from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
-from pilotid.posterior.ensembles import Run
 from pilotid.posterior.likelihood import (
     HalfCauchy,
     LogNormal,
@@ -28,7 +26,7 @@ from pilotid.posterior.likelihood import (
     default_prior,
     priors_of,
 )
-from pilotid.support.numbers import fit_rng, recording_rng, start_rng
+from pilotid.support.numbers import recording_rng
 from pilotid.support.types import FloatArray, InputError
 from pilotid.time_domain.likelihood import Likelihood
 from pilotid.time_domain.prediction import predict
@@ -40,7 +38,6 @@ pytestmark = pytest.mark.numerical
 NOMINAL, ONE = SCENARIOS["nominal"], SCENARIOS["single"]
 RECORDING = simulate(NOMINAL, np.random.default_rng(21))
 SIMPLE = simulate(ONE, np.random.default_rng(22))
-SHORT = Run(ensembles=4, walkers=24, first=150, most=1500, effective=600.0)
 
 
 def likelihood_of(
@@ -197,7 +194,7 @@ def test_priors_may_be_replaced_by_distributions_of_scipy() -> None:
         priors_of(MULTI, LowPass(1), (("Kvos", tight),))
 
 
-# --------------------------------------------------------------------------------- samplers
+# ------------------------------------------------------------------------------------ draws
 
 
 def fit(method: Bayes) -> Estimate:
@@ -209,64 +206,47 @@ def drawn(estimate: Estimate) -> Draws:
     return estimate.draws
 
 
-def log_spread(draws: Draws) -> FloatArray:
-    logs = np.log(draws.values)
-    return np.asarray(np.sqrt(draws.weights @ (logs - draws.weights @ logs) ** 2))
-
-
-@pytest.mark.long
-def test_both_samplers_give_the_same_posterior() -> None:
-    quick = fit(Bayes(sampler="importance", draws=30_000))
-    slow = fit(Bayes(sampler="emcee", run=replace(SHORT, effective=1500.0)))
-    assert quick.outcome is slow.outcome is Outcome.CONVERGED
-    few = drawn(slow).effective.min()
-    # On the logarithmic scale, where the tail of lead time does not make the error larger.
-    ratio = log_spread(drawn(slow)) / log_spread(drawn(quick))
-    # The fourth moment of a logarithm is at most 4.2 here.
-    np.testing.assert_allclose(ratio, 1.0, atol=4.0 * np.sqrt(3.2 / (4.0 * few)))
-    assert ratio.mean() == pytest.approx(1.0, abs=0.04)
-    apart = np.abs(slow.values - quick.values) / quick.std_error
-    assert (apart < 4.0 * np.sqrt(1.0 / few + 1.0 / drawn(quick).effective.min())).all()
-    assert (drawn(slow).r_hat <= 1.01).all()
-    assert (drawn(slow).effective >= 1500.0).all()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("sampler", ["importance", "emcee"])
-def test_the_same_generator_gives_the_same_draws(sampler: str) -> None:
-    method = Bayes(sampler=sampler, draws=500, wanted=50.0, run=replace(SHORT, effective=200.0))  # type: ignore[arg-type]
-    runs = [identify(method, SIMPLE, SINGLE, np.random.default_rng(4)) for _ in range(2)]
+def test_the_same_generator_gives_the_same_draws() -> None:
+    runs = [identify(Bayes(), SIMPLE, SINGLE, np.random.default_rng(4)) for _ in range(2)]
     first, second = (drawn(run).values.tobytes() for run in runs)
     assert first == second
-    other = identify(method, SIMPLE, SINGLE, np.random.default_rng(5))
+    other = identify(Bayes(), SIMPLE, SINGLE, np.random.default_rng(5))
     assert drawn(other).values.tobytes() != first
 
 
 @pytest.mark.long
-def test_importance_sampling_that_fails_gives_way_to_emcee() -> None:
-    method = Bayes(draws=200, wanted=5000.0, run=replace(SHORT, effective=300.0))
-    estimate = identify(method, SIMPLE, SINGLE, np.random.default_rng(6))
-    assert drawn(estimate).sampler == "emcee"
-    assert estimate.outcome is Outcome.CONVERGED
-    assert "emcee took over" in estimate.message
-    alone = identify(
-        replace(method, sampler="importance"), SIMPLE, SINGLE, np.random.default_rng(6)
+def test_a_long_run_finds_what_a_usual_one_does() -> None:
+    quick, slow = fit(Bayes()), fit(Bayes(effective=5000.0))
+    assert quick.outcome is slow.outcome is Outcome.CONVERGED
+    assert (drawn(slow).r_hat <= 1.01).all()
+    assert drawn(quick).effective.min() >= 400.0
+    apart = np.abs(slow.values - quick.values) / slow.std_error
+    assert (apart < 4.0 * np.sqrt(1.0 / 400.0 + 1.0 / 5000.0)).all()
+    # The kurtosis of none is above 4.
+    ratio = quick.std_error / slow.std_error
+    np.testing.assert_allclose(ratio, 1.0, atol=4.0 * np.sqrt(3.0 / (4.0 * 400.0)))
+
+
+def test_the_posterior_of_a_gain_alone_is_that_of_a_quadrature() -> None:
+    # White prediction errors, all parameters but the gain held, and its prior flat.
+    known = dict(zip(SINGLE.keys, ONE.truth, strict=True))
+    model = SINGLE.with_fixed(**{key: value for key, value in known.items() if key != "Kvis"})
+    flat = stats.uniform(0.0, 10.0)
+    method = Bayes(likelihood="white", band=None, priors=(("Kvis", flat),), effective=4000.0)
+    inference = method.infer(SIMPLE, model, np.random.default_rng(6))
+    grid = np.linspace(0.8, 1.2, 4001) * inference.estimate.values[0]
+    # A Student-t density in closed form: the response is linear in the gain.
+    squares = inference.likelihood.sums_of_squares(grid[:, None])
+    a, b, c = np.polyfit(grid, squares, 2)
+    freedom = inference.likelihood.joint.residuals - 1
+    oracle = stats.t(freedom, -b / (2.0 * a), np.sqrt((c - b * b / (4.0 * a)) / (a * freedom)))
+    values = drawn(inference.estimate).values[:, 0]
+    error = oracle.std() / np.sqrt(drawn(inference.estimate).effective[0])
+    assert values.mean() == pytest.approx(oracle.mean(), abs=4.0 * error)
+    assert values.std() == pytest.approx(oracle.std(), abs=4.0 * error)
+    assert drawn(inference.estimate).equal_tailed[0] == pytest.approx(
+        oracle.ppf([0.025, 0.975]), abs=10.0 * error
     )
-    assert alone.outcome is Outcome.NOT_CONVERGED
-    assert "effective draws only" in alone.message
-    assert np.isfinite(alone.values).all()
-
-
-@pytest.mark.long
-def test_a_posterior_that_no_single_distribution_follows_is_drawn_by_mixtures() -> None:
-    # A single distribution has some tens of effective draws here.
-    name = "population-usual"
-    scenario = POPULATIONS[name].drawn(start_rng(1000, name, 10))
-    recording = simulate(scenario, recording_rng(1000, name, 10))
-    method = Bayes(sampler="importance")
-    estimate = identify(method, recording, scenario.model, fit_rng(1000, "bayes", name, 10))
-    assert estimate.outcome is Outcome.CONVERGED, estimate.sentence
-    assert drawn(estimate).effective.min() >= method.wanted
 
 
 @pytest.mark.long
@@ -279,8 +259,8 @@ def test_without_a_target_a_vague_posterior_does_not_count() -> None:
 
 
 def test_a_run_that_is_too_short_is_an_outcome() -> None:
-    run = Run(walkers=24, first=30, most=30, effective=1e5)
-    estimate = identify(Bayes(sampler="emcee", run=run), SIMPLE, SINGLE, np.random.default_rng(7))
+    method = Bayes(effective=1e5, most=30)
+    estimate = identify(method, SIMPLE, SINGLE, np.random.default_rng(7))
     assert estimate.outcome is Outcome.NOT_CONVERGED
     assert "of 100000 wanted" in estimate.message
 
@@ -303,7 +283,7 @@ def test_the_posterior_agrees_with_maximum_likelihood_where_that_is_nearly_norma
 def test_a_white_likelihood_is_as_overconfident_as_that_of_output_error() -> None:
     # A recording in which both find the same transients.
     recording = simulate(NOMINAL, np.random.default_rng(24))
-    method = Bayes(likelihood="white", band=None, draws=2000, wanted=300.0)
+    method = Bayes(likelihood="white", band=None)
     bayes, white, honest = (
         identify(m, recording, MULTI, np.random.default_rng(3))
         for m in (method, MLEWhite(), Bayes())
@@ -320,7 +300,7 @@ def test_the_product_of_gain_and_lead_time_comes_from_the_draws() -> None:
     (product,) = estimate.derived
     draws = drawn(estimate)
     own = draws.values[:, 0] * draws.values[:, 1]
-    assert product.value == pytest.approx(draws.weights @ own)
+    assert product.value == pytest.approx(own.mean())
     assert product.std_error < 0.06 * product.value
     # The values are geometric means, whose product is that of the draws.
     assert estimate.values[0] * estimate.values[1] == pytest.approx(product.value, rel=5e-3)

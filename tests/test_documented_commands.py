@@ -21,7 +21,7 @@ ROOT = Path(__file__).parent.parent
 #: What makes a command quick: fewer simulations by one method, where the command has the option.
 FEW = ("--replications", "2")
 #: What other tests run: a cluster, and published recordings that are not in the project.
-ELSEWHERE = ("--scheduler", "::", "--people", "--estimates")
+ELSEWHERE = ("--scheduler", "::", "--people", "--estimates", "paper")
 MINE = '''
 from pilotid import SCENARIOS as KNOWN
 from pilotid.methods import MLEWhite

@@ -17,7 +17,6 @@ from pilotid.estimates.method import Method, identify
 from pilotid.methods import METHODS, methods
 from pilotid.methods.bayes import Bayes
 from pilotid.pilot.catalogue import MULTI, SINGLE
-from pilotid.posterior.ensembles import Run
 from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.testing import (
     DIFFICULT,
@@ -38,8 +37,8 @@ SCENARIOS = {"single": SINGLE_LOOP, "multi": NOMINAL}
 
 def quick(method: Method) -> Method:
     """The method with settings that promise the same, where the usual ones take seconds."""
-    if isinstance(method, Bayes):  # of nonsense both samplers draw as much as they may
-        return replace(method, draws=1000, wanted=100.0, run=Run(first=100, most=200))
+    if isinstance(method, Bayes):  # of nonsense it draws as much as it may
+        return replace(method, effective=100.0, most=100)
     return method
 
 

@@ -185,7 +185,7 @@ def test_a_registered_method_has_its_name_for_a_label(method: object) -> None:
         (ARX(memory=2.0), "arx(memory=2)"),
         (Bayes(likelihood="white", band=None), "bayes-white"),
         (Bayes(likelihood="white"), "bayes-white(band=50)"),
-        (Bayes(noise=LowPass(2), draws=10), "bayes(noise=LowPass(order=2), draws=10)"),
+        (Bayes(noise=LowPass(2), most=10), "bayes(noise=LowPass(order=2), most=10)"),
     ],
 )
 def test_a_label_tells_the_settings_that_differ(method: object, label: str) -> None:

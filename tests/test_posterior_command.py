@@ -90,7 +90,7 @@ def test_wrong_use_ends_with_a_sentence(run: Run, arguments: list[str], sentence
 def test_derived_quantities_are_those_of_the_parameters(inference: Inference) -> None:
     draws = inference.estimate.draws
     assert draws is not None
-    some = draws.equally_weighted(3)[:, :5]
+    some = draws.thinned(3)[:, :5]
     expected = [simulated_vaf(RECORDING, SINGLE, own) for own in some]
     np.testing.assert_allclose(vafs(RECORDING, SINGLE, some), expected, rtol=1e-9)
     element = double_integrator(4.0)

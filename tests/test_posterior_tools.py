@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import stats
 
-from pilotid.estimates.draws import Draws, quantiles, shortest_interval
-from pilotid.posterior.ensembles import Run, autocorrelation_times, ensembles, r_hat
-from pilotid.posterior.importance import LogDensity, StudentT, fitted, importance
-from pilotid.support.types import FloatArray
+from pilotid.estimates.draws import Draws, shortest_interval
+from pilotid.posterior.sampling import (
+    FREEDOM,
+    LogDensity,
+    Mixture,
+    StudentT,
+    autocorrelation_times,
+    fitted,
+    r_hat,
+    sample,
+)
+from pilotid.support.types import BoolArray, FloatArray
 
 pytestmark = pytest.mark.numerical
 
@@ -32,20 +43,49 @@ def log_density(points: FloatArray) -> FloatArray:
     return -0.5 * np.sum(residuals**2, axis=1) - 0.5 * np.sum(points**2, axis=1)
 
 
-def test_importance_sampling_gives_the_closed_form_posterior() -> None:
+@dataclass(frozen=True)
+class Target:
+    """What is asked of a posterior, of any density."""
+
+    log_density: LogDensity
+    count: int
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        return tuple("abcdefg"[: self.count])
+
+    @property
+    def positive(self) -> BoolArray:
+        return np.zeros(self.count, dtype=bool)
+
+    def values(self, points: FloatArray) -> FloatArray:
+        return points
+
+
+def sampled(
+    density: LogDensity, centre: FloatArray, covariance: FloatArray, seed: int, effective: float
+) -> Draws:
+    target: Any = Target(density, centre.size)
+    draws = sample(target, centre, covariance, np.random.default_rng(seed), effective, 4000)
+    assert draws is not None
+    assert draws.converged
+    assert draws.effective.min() >= effective
+    return draws
+
+
+def test_ensembles_give_the_closed_form_posterior() -> None:
     _, _, mean, covariance = linear_gaussian()
-    # Starts from a poor guess, one deviation away.
-    start = mean + np.sqrt(np.diag(covariance)), 2.0 * covariance
-    found = importance(log_density, *start, np.random.default_rng(1), count=20_000, wanted=100.0)
-    assert found.effective > 10_000.0
-    assert found.weights.sum() == pytest.approx(1.0)
     deviation = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(
-        found.weights @ found.points, mean, atol=4.0 * deviation.max() / np.sqrt(found.effective)
-    )
-    offset = found.points - found.weights @ found.points
-    spread = np.sqrt(found.weights @ offset**2)
-    np.testing.assert_allclose(spread / deviation, 1.0, atol=4.0 / np.sqrt(2.0 * found.effective))
+    # From a poor guess, one deviation away.
+    draws = sampled(log_density, mean + deviation, 2.0 * covariance, 2, 5000.0)
+    assert (draws.r_hat < 1.01).all()
+    error = 1.0 / np.sqrt(draws.effective)
+    assert (np.abs(draws.values.mean(axis=0) - mean) < 4.0 * error * deviation).all()
+    assert (np.abs(draws.values.std(axis=0) / deviation - 1.0) < 4.0 * error).all()
+    correlation = covariance / np.outer(deviation, deviation)
+    np.testing.assert_allclose(np.corrcoef(draws.values.T), correlation, atol=4.0 * error.max())
+    ends = stats.norm.ppf([[0.025, 0.975]], mean[:, None], deviation[:, None])
+    np.testing.assert_allclose(draws.equal_tailed, ends, atol=10.0 * (error * deviation).max())
 
 
 def funnel(points: FloatArray) -> FloatArray:
@@ -65,27 +105,23 @@ def two_summits(points: FloatArray) -> FloatArray:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("target", "centre", "spread", "mean", "variance"),
+    ("target", "centre", "mean", "variance"),
     [
-        (funnel, np.zeros(5), 1.0, 0.0, 1.0),
-        (two_summits, np.array([-3.0, 0.0, 0.0, 0.0]), 1.0, 1.2, 1.0 + 9.0 * 0.84),
+        (funnel, np.zeros(5), 0.0, 1.0),
+        (two_summits, np.array([-3.0, 0.0, 0.0, 0.0]), 1.2, 1.0 + 9.0 * 0.84),
     ],
     ids=["funnel", "two summits"],
 )
-def test_mixtures_follow_a_density_that_no_single_distribution_does(
-    target: LogDensity, centre: FloatArray, spread: float, mean: float, variance: float
+def test_a_density_that_no_single_distribution_follows_is_sampled(
+    target: LogDensity, centre: FloatArray, mean: float, variance: float
 ) -> None:
-    start = centre, spread**2 * np.eye(centre.size)
     means, variances, sizes = [], [], []
-    for seed in range(8):
-        # More than the single distributions can give, so that mixtures are tried.
-        rng = np.random.default_rng(seed)
-        found = importance(target, *start, rng, count=1000, wanted=3200.0)
-        assert found.effective >= 3200.0
-        first = found.points[:, 0]
-        means.append(found.weights @ first)
-        variances.append(found.weights @ (first - mean) ** 2)
-        sizes.append(found.effective)
+    for seed in range(3):
+        draws = sampled(target, centre, np.eye(centre.size), seed, 1000.0)
+        first = draws.values[:, 0]
+        means.append(first.mean())
+        variances.append(np.mean((first - mean) ** 2))
+        sizes.append(draws.effective[0])
     total = float(np.sum(sizes))
     # Four Monte-Carlo errors; the kurtosis of neither is above 3.
     assert np.mean(means) == pytest.approx(mean, abs=4.0 * np.sqrt(variance / total))
@@ -95,7 +131,7 @@ def test_mixtures_follow_a_density_that_no_single_distribution_does(
 def test_a_mixture_draws_what_its_density_says() -> None:
     rng = np.random.default_rng(10)
     points = np.concatenate([rng.standard_normal((600, 2)), 6.0 + rng.standard_normal((300, 2))])
-    mixture = fitted(points, np.full(900, 1.0 / 900), np.cov(points.T), rng)
+    mixture = fitted(points, np.full(900, 1.0 / 900), np.cov(points.T), 4, rng)
     assert mixture.shares.sum() == pytest.approx(1.0)
     drawn = mixture.draw(rng, 40_000)
     # Weighted by one Student-t distribution over the mixture, draws are of that distribution.
@@ -111,52 +147,36 @@ def test_a_mixture_draws_what_its_density_says() -> None:
 def test_a_mixture_copes_with_draws_of_which_one_has_all_the_weight() -> None:
     rng = np.random.default_rng(11)
     points, weights = rng.standard_normal((50, 3)), np.eye(50)[7]
-    drawn = fitted(points, weights, np.eye(3), rng).draw(rng, 4000)
+    drawn = fitted(points, weights, np.eye(3), 4, rng).draw(rng, 4000)
     np.testing.assert_allclose(np.median(drawn, axis=0), points[7], atol=0.1)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("independent", [0.0, 0.5])
-def test_ensembles_give_the_closed_form_posterior(independent: float) -> None:
-    _, _, mean, covariance = linear_gaussian()
-    run = Run(walkers=20, effective=6000.0, independent=independent)
-    chains = ensembles(log_density, mean, covariance, np.random.default_rng(2), run)
-    assert chains is not None
-    assert chains.converged
-    assert (chains.r_hat < 1.01).all()
-    flat = chains.points.reshape(-1, 3)
-    deviation = np.sqrt(np.diag(covariance))
-    error = 1.0 / np.sqrt(chains.effective)
-    assert (np.abs(flat.mean(axis=0) - mean) < 4.0 * error * deviation).all()
-    assert (np.abs(flat.std(axis=0) / deviation - 1.0) < 4.0 * error).all()
 
 
 def test_where_the_density_is_zero_there_is_no_chain() -> None:
     def nowhere(points: FloatArray) -> FloatArray:
         return np.full(len(points), -np.inf)
 
-    start = np.zeros(2), np.eye(2)
-    rng = np.random.default_rng(3)
-    assert ensembles(nowhere, *start, rng, Run(walkers=8)) is None
-    assert importance(nowhere, *start, rng, count=50, wanted=1.0).effective <= 1.0
+    target: Any = Target(nowhere, 2)
+    assert sample(target, np.zeros(2), np.eye(2), np.random.default_rng(3), 10.0, 10) is None
 
 
-def test_the_watch_is_told_how_far_a_run_is() -> None:
+def test_the_watch_is_told_how_far_a_run_is_and_a_short_one_has_not_converged() -> None:
     shares: list[float] = []
-    run = Run(walkers=10, first=60, most=60, effective=1e9)
-    centre, covariance = linear_gaussian()[2:]
-    ensembles(log_density, centre, covariance, np.random.default_rng(4), run, shares.append)
+    target: Any = Target(log_density, 3)
+    rng = np.random.default_rng(4)
+    draws = sample(target, *linear_gaussian()[2:], rng, 1e6, 60, shares.append)
     assert shares == sorted(shares)
     assert 0.0 <= shares[0] < shares[-1] <= 1.0
+    assert draws is not None
+    assert not draws.converged
 
 
 def test_a_student_t_distribution_is_that_of_scipy() -> None:
     centre, scale = np.array([1.0, -2.0]), np.array([[2.0, 0.6], [0.6, 1.0]])
-    own, oracle = StudentT(centre, scale, 6.0), stats.multivariate_t(centre, scale, df=6.0)
-    points = own.draw(np.random.default_rng(5), 50_000)
+    own, oracle = StudentT(centre, scale), stats.multivariate_t(centre, scale, df=FREEDOM)
+    points = Mixture(np.ones(1), [own]).draw(np.random.default_rng(5), 50_000)
     differences = own.log_density(points[:50]) - oracle.logpdf(points[:50])
     assert np.ptp(differences) < 1e-9
-    np.testing.assert_allclose(np.cov(points.T), 1.5 * scale, rtol=0.06)
+    np.testing.assert_allclose(np.cov(points.T), FREEDOM / (FREEDOM - 2.0) * scale, rtol=0.06)
 
 
 # ------------------------------------------------------------------------------ convergence
@@ -204,49 +224,37 @@ def test_chains_that_do_not_move_have_some_autocorrelation_time() -> None:
 # -------------------------------------------------------------------------------- summaries
 
 
-def draws_of(values: FloatArray, weights: FloatArray | None = None) -> Draws:
+def draws_of(values: FloatArray) -> Draws:
     count, parameters = values.shape
-    own = np.full(count, 1.0 / count) if weights is None else weights
-    nothing = np.full(parameters, np.nan)
+    ones = np.ones(parameters)
     return Draws(
-        "importance",
         tuple("abcdefg"[:parameters]),
         np.array([True, False, False][:parameters]),
         values,
         np.zeros(count),
-        own,
         (1, count, 1),
-        np.full(parameters, float(count)),
-        nothing,
-        np.ones(parameters),
+        count * ones,
+        ones,
+        ones,
+        acceptance=1.0,
+        converged=True,
     )
 
 
 def test_intervals_are_those_of_known_distributions() -> None:
     shares = (np.arange(20_000) + 0.5) / 20_000
-    equal = np.full(20_000, 1.0 / 20_000)
     normal, exponential = stats.norm.ppf(shares), stats.expon.ppf(shares)
-    np.testing.assert_allclose(shortest_interval(normal, equal), [-1.96, 1.96], atol=0.03)
+    np.testing.assert_allclose(shortest_interval(normal), [-1.96, 1.96], atol=0.03)
+    draws = draws_of(np.column_stack([exponential, normal]))
     # The density falls from zero on, and so the shortest interval starts there.
-    np.testing.assert_allclose(shortest_interval(exponential, equal), [0.0, 2.996], atol=0.01)
-    tails = quantiles(exponential, equal, (0.025, 0.975))
-    np.testing.assert_allclose(tails, [0.02532, 3.689], rtol=0.01)
-
-
-def test_weights_count() -> None:
-    # Uniform draws with weights that make them exponential.
-    values = (np.arange(40_000) + 0.5) * 5e-4
-    weights = np.exp(-values) / np.exp(-values).sum()
-    draws = draws_of(values[:, None], weights)
-    assert draws.mean[0] == pytest.approx(1.0, rel=1e-3)
-    assert draws.covariance[0, 0] == pytest.approx(1.0, rel=1e-3)
-    np.testing.assert_allclose(draws.equal_tailed[0], [0.02532, 3.689], rtol=0.01)
     np.testing.assert_allclose(draws.highest_density[0], [0.0, 2.996], atol=0.01)
+    np.testing.assert_allclose(draws.equal_tailed[0], [0.02532, 3.689], rtol=0.01)
+    np.testing.assert_allclose(np.diag(draws.covariance), 1.0, rtol=1e-3)
     # exp(E ln x) of an exponential distribution is e^-gamma.
     assert draws.centre[0] == pytest.approx(np.exp(-np.euler_gamma), rel=1e-3)
-    equal = draws.equally_weighted(2000)[:, 0]
-    assert equal.mean() == pytest.approx(1.0, rel=0.01)
-    assert stats.kstest(equal, stats.expon.cdf).statistic < 0.01
+    some = draws.thinned(2000)[:, 0]
+    assert stats.kstest(some, stats.expon.cdf).statistic < 0.01
+    np.testing.assert_array_equal(draws.thinned(20_000), draws.values)
 
 
 def test_the_centre_of_a_parameter_that_may_be_zero_is_its_mean() -> None:

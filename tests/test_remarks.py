@@ -109,16 +109,16 @@ def test_correlations_come_from_the_draws_where_there_are_some() -> None:
     estimate = estimate_of(SINGLE)
     ones = np.ones(5)
     draws = Draws(
-        "importance",
         SINGLE.keys,
         SINGLE.positive,
         estimate.values * np.exp(inner),
         np.zeros(4000),
-        np.full(4000, 1.0 / 4000),
         (1, 4000, 1),
         4000.0 * ones,
-        np.nan * ones,
         ones,
+        ones,
+        acceptance=1.0,
+        converged=True,
     )
     (pair,) = replace(estimate, draws=draws).inseparable
     assert (pair.first, pair.second) == ("Kvis", "tlead")

@@ -21,6 +21,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         metavar="FILE",
         help="say what became slower than in a stored run (results/timings.json)",
     )
+    parser.addoption(
+        "--method", action="append", default=[], metavar="FILE.py:CLASS", help="time this one, too"
+    )
     parser.addoption("--store", action="store_true", help="store the times in results/timings.json")
 
 

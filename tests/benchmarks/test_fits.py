@@ -20,7 +20,7 @@ from pilotid.pilot.catalogue import MODELS
 
 METHODS = (
     *("mmle3", "mle-white", "mle-genetic", "mle", "bayes-white", "bayes"),
-    *("fourier", "arx", "sindy"),
+    *("fourier", "arx", "sindy", "mle-reference"),
 )
 SCENARIOS = {
     ("multi", 1): "nominal",
@@ -30,9 +30,14 @@ SCENARIOS = {
 }
 
 
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Complete fits by all methods, and by those of the option --method."""
+    if metafunc.definition.originalname == "test_fit":
+        metafunc.parametrize("name", [*METHODS, *metafunc.config.getoption("--method")])
+
+
 @pytest.mark.parametrize("runs", [1, 5])
 @pytest.mark.parametrize("model", ["multi", "single"])
-@pytest.mark.parametrize("name", METHODS)
 def test_fit(
     benchmark: BenchmarkFixture,
     necessary: Callable[[float], None],
@@ -84,13 +89,12 @@ def test_people(benchmark: BenchmarkFixture, measured: Path) -> None:
     }
 
 
-@pytest.mark.parametrize("sampler", ["importance", "emcee"])
-def test_posterior(benchmark: BenchmarkFixture, sampler: str) -> None:
+def test_posterior(benchmark: BenchmarkFixture) -> None:
     benchmark.group = "posterior of seven parameters and the remnant's"
-    fit = (Bayes(sampler=sampler), recorded("nominal"), far_model(), np.random.default_rng(1))
-    estimate = benchmark.pedantic(identify, fit, rounds=1 if sampler == "emcee" else 5)
+    fit = (Bayes(), recorded("nominal"), far_model(), np.random.default_rng(1))
+    estimate = benchmark.pedantic(identify, fit, rounds=5)
     assert estimate.draws is not None
-    assert estimate.draws.sampler == sampler
+    assert estimate.draws.converged
 
 
 def test_simulation(benchmark: BenchmarkFixture) -> None:

@@ -370,7 +370,7 @@ def infer(
     from pilotid.report.posterior import print_posterior, write_posterior
     from pilotid.support.terminal import share_bar
 
-    method = Bayes(sampler="emcee")
+    method = Bayes(effective=2000.0)
     rng = fit_rng(seed, method.name)
     told = remarks(recording)
     choice = chosen_element(recording, element)

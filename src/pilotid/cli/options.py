@@ -70,7 +70,10 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "simulate runs": ("", "Runs, each with its own remnant."),
     "brief": ("", "One line a file, and a summary of many."),
     # Studies.
-    "profile": ("quick|full", "full: 500 recordings of every scenario and population."),
+    "profile": (
+        "quick|full|paper",
+        "full: 500 recordings of every scenario; paper: AIAA 2008-7109 on a page of its own.",
+    ),
     "replications": ("", "Recordings of each scenario."),
     "trust replications": ("", "Simulations of the recording."),
     "scheduler": ("ADDRESS", "Use the workers of this Dask scheduler instead."),

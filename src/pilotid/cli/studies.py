@@ -31,7 +31,7 @@ Format = Literal["csv", "mat", "npz"]
 USUAL = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")
 #: What reports of studies are written as.
 TABLES = (
-    *("report.html", "report.md"),
+    *("report.html", "report.md", "paper.html"),
     *("estimates.csv", "summary.csv", "population.csv", "scores.csv"),
 )
 
@@ -87,13 +87,13 @@ def compare(
         raise InputError(f"unknown profile '{profile}': choose from {', '.join(PROFILES)}")
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler exclude each other; leave one out")
-    default, count = PROFILES[profile]
+    default, count, usual = PROFILES[profile]
     manifest = None if imported is None else read_manifest(imported)
     if manifest is not None:
         default, count = manifest.scenarios, manifest.replications
     like_it = [] if like is None else [scenario_like(like, seed)]
     names = options.names_of(scenario, () if like_it else default, list(CATALOGUE))
-    tried = options.names_of(method, list(methods()), list(methods()))
+    tried = options.names_of(method, usual, list(methods()))
     count = replications or count
     study = Study([*like_it, *names], tried, count, seed)
     read = [imported] if imported else []
@@ -108,9 +108,20 @@ def compare(
         told = with_bar(results, "fits", len(pending))
         unanswered = sum(result.message == UNANSWERED for result in told)
         _finish(out, store, plot=plot)
+        if profile == "paper" and not (scenario or method):
+            repeat_paper(out, store, seed, workers)
     if unanswered:
         make_console(errors=True).print(f"pilotid: {unanswered} fits gave no answer")
         raise typer.Exit(1)
+
+
+def repeat_paper(folder: Path, store: Store, seed: int, workers: int | None) -> None:
+    """Write the page that has the paper's tables and figures."""
+    from pilotid.report.paper import write_paper
+    from pilotid.study.paper import fit_trials
+
+    page = write_paper(folder, store.comparison(), fit_trials(seed, workers))
+    show(make_console(), f"the paper's tables and figures: {page}")
 
 
 def export(

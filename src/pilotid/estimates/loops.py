@@ -88,7 +88,7 @@ def loops_of(estimate: Fit, element: ControlledElement) -> Loops:
     if estimate.draws is None:
         target, disturbance = _by_delta(estimate, element)
     else:
-        sets = estimate.draws.equally_weighted(COUNT)[:, : len(model.parameters)]
+        sets = estimate.draws.thinned(COUNT)[:, : len(model.parameters)]
         target, disturbance = (s.loop for s in sampled_loops(model, values, sets, element))
     return Loops(element, target, disturbance, tuple(remarks))
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.estimates.draws import Draws, equal_tailed_interval, shortest_interval
+from pilotid.estimates.draws import TAILS, Draws, shortest_interval
 from pilotid.support.format import Table, decimals, table
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
@@ -214,17 +214,14 @@ def sampled(
     key: str,
     unit: str,
     values: FloatArray,
-    weights: FloatArray | None = None,
     *,
     effective: float = math.nan,
     r_hat: float = math.nan,
     positive: bool = False,
 ) -> PosteriorQuantity:
     """The posterior of a quantity, `positive` or not, from its draws, shape (draws,)."""
-    own = np.full(values.size, 1.0 / values.size) if weights is None else weights
-    mean, (low, high) = float(own @ values), equal_tailed_interval(values, own).tolist()
-    error = float(np.sqrt(own @ (values - mean) ** 2))
-    densest = shortest_interval(values, own)
+    mean, error = float(values.mean()), float(values.std())
+    (low, high), densest = np.quantile(values, TAILS).tolist(), shortest_interval(values)
     known = not (positive and spans_decade(low, high))
     ends = float(densest[0]), float(densest[1])
     return PosteriorQuantity(key, unit, mean, error, low, high, known, ends, effective, r_hat)
@@ -253,7 +250,7 @@ def combined_by_draws(draws: Draws) -> list[PosteriorQuantity]:
     for key, i, j, summed in _combined(draws.keys):
         first, second = draws.values[:, i], draws.values[:, j]
         own = first + second if summed else first * second
-        found.append(sampled(key, "s", own, draws.weights, positive=True))
+        found.append(sampled(key, "s", own, positive=True))
     return found
 
 
@@ -351,8 +348,7 @@ def inseparable(
     else:
         own = draws.values[:, : len(keys)]
         inner = np.where(positive, np.log(np.where(positive, own, 1.0)), own)
-        offset = inner - draws.weights @ inner
-        spread = (draws.weights[:, None] * offset).T @ offset
+        spread = np.atleast_2d(np.cov(inner.T, ddof=0))
     error = np.sqrt(np.diag(spread))
     if not (error > 0.0).all():
         return []

@@ -15,8 +15,11 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import Method, identify
-from pilotid.experiment.files import alone, without
+from pilotid.experiment.files import alone, of_runs, without
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.support.numbers import fit_rng
@@ -25,7 +28,11 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 #: Columns of left_out.csv behind the recording's.
-COLUMNS = ("run", "model", "method", "outcome", "vaf", "log_likelihood", "seconds")
+COLUMNS = (
+    *("run", "model", "method", "outcome", "vaf", "log_likelihood", "seconds"),
+    *("halves_percent", "halves_z"),
+)
+HALVES = ("halves_percent", "halves_z")
 
 
 def predict_left_out(
@@ -44,24 +51,43 @@ def predict_left_out(
 
     Returns
     -------
-    Plain objects, one for each method.
+    Plain objects, one for each method.  Those of the first run have how far the fits of the odd
+    and of the even runs are apart: the median over parameters in % of their mean, and the root
+    mean square in the errors that both claim, which is 1 where these are right.
     """
     others, own = without(recording, run), alone(recording, run)
     found: list[dict[str, object]] = []
     for label, method in methods.items():
         estimate = identify(method, others, model, fit_rng(seed, label))
-        told: dict[str, object] = {"vaf": math.nan, "log_likelihood": math.nan}
+        told: dict[str, object] = dict.fromkeys(("vaf", "log_likelihood", *HALVES), math.nan)
+        if run == 1:
+            halves = [
+                identify(method, of_runs(recording, runs, "half of the runs"), model, rng)
+                for runs in (range(1, recording.runs + 1, 2), range(2, recording.runs + 1, 2))
+                for rng in [fit_rng(seed, label)]
+            ]
+            if all(half.outcome.usable for half in halves):
+                told |= dict(zip(HALVES, _apart(*halves), strict=True))
         if estimate.outcome.usable:
             score = estimate.score(own, others)
-            told = {"vaf": score.vaf, "log_likelihood": score.log_score}
+            told |= {"vaf": score.vaf, "log_likelihood": score.log_score}
         head = {"method": label, "outcome": estimate.outcome.slug}
         found.append({**head, **told, "seconds": estimate.seconds})
     return found
 
 
+def _apart(first: Estimate, second: Estimate) -> tuple[float, float]:
+    """How far two estimates are apart, in % of their mean and in claimed errors."""
+    difference, size = first.values - second.values, np.abs(first.values + second.values)
+    error = np.hypot(first.std_error, second.std_error)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        percent = 200.0 * np.median(np.abs(difference) / size)
+        return float(percent), float(np.sqrt(np.mean((difference / error) ** 2)))
+
+
 def failed_rows(methods: Mapping[str, Method], outcome: str) -> list[dict[str, object]]:
     """The same as `predict_left_out` of fits that a process was lost with."""
-    nothing = dict.fromkeys(("vaf", "log_likelihood", "seconds"), math.nan)
+    nothing = dict.fromkeys(("vaf", "log_likelihood", "seconds", *HALVES), math.nan)
     return [{"method": label, "outcome": outcome, **nothing} for label in methods]
 
 
@@ -81,7 +107,7 @@ def ranked(left: DataFrame) -> DataFrame:
     DataFrame
         By model and method ``runs`` and ``failed`` fits; ``vaf`` and ``behind``, the mean
         log-likelihood of a run less that of the best, over the runs that all predict, each with its
-        standard error.
+        standard error; and the medians over recordings of how far halves are apart.
     """
     table = left.pivot(
         index=["file", "run"], columns=["model", "method"], values="log_likelihood"
@@ -91,6 +117,7 @@ def ranked(left: DataFrame) -> DataFrame:
     found = groups["vaf"].agg(["size", "count", "mean", "sem"])
     found.columns = ["runs", "failed", "vaf", "vaf_error"]
     found["failed"] = found["runs"] - found["failed"]
+    found[[*HALVES]] = groups[[*HALVES]].median()
     if able.size:
         best = able.sum().idxmax()
         apart = able.sub(able[best], axis=0)

@@ -228,6 +228,8 @@ def left_out_table(results: Results) -> Table:
         "failed": ("failed", str),
         "VAF %": (("vaf", "vaf_error"), unsigned),
         "likelihood": (("behind", "behind_error"), plus_minus),
+        "halves %": ("halves_percent", number),
+        "halves / error": ("halves_z", number),
     }
     caption = "Runs predicted by the fit of the others, the likeliest first"
     return frame_table(found, caption, columns, kinds)
@@ -408,8 +410,9 @@ def _figures(results: Results) -> Iterator[Figure]:
             drawn.append(("estimates", estimates_figure(own), words))
     for stratum, own in results.responses.groupby("stratum", sort=False):
         words = (
-            f"Responses at the forcing lines {stratum}: means over subjects, in which coefficients "
-            "that are poorly known weigh little, 95 % intervals; no model of the pilot."
+            f"{', '.join(filter(None, ['Responses at the forcing lines', stratum]))}: means over "
+            "subjects, in which coefficients that are poorly known weigh little, 95 % intervals; "
+            "no model of the pilot."
         )
         drawn.append(("responses", responses_figure(own), words))
     counts: Counter[str] = Counter()

@@ -353,6 +353,16 @@ class Posterior:
         self._scale = LogTransform(likelihood.positive)
         self._lower, self._upper = likelihood.lower, likelihood.upper
 
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The parameters' names."""
+        return self.likelihood.keys
+
+    @property
+    def positive(self) -> BoolArray:
+        """Which of them are sampled by their logarithm, shape (parameters,)."""
+        return self.likelihood.positive
+
     def values(self, points: FloatArray) -> FloatArray:
         """Parameters at points of the inner scale, shape (sets, parameters)."""
         return self._scale.leave(points)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.estimates.draws import SHARE, Draws
+from pilotid.estimates.draws import TAILS, Draws
 from pilotid.estimates.loops import COUNT, SampledLoop, sampled_loops
 from pilotid.estimates.quantities import PosteriorQuantity, combined_by_draws, sampled
 from pilotid.pilot.element import ControlledElement
@@ -65,7 +65,7 @@ def predictive_band(draws: Draws, likelihood: Marginal, rng: np.random.Generator
 
     joint = likelihood.joint
     prediction, pilot = joint.prediction, joint.pilot
-    values = draws.equally_weighted(SIMULATED)
+    values = draws.thinned(SIMULATED)
     if likelihood.integrated:
         shapes = likelihood.coefficients(values)
         values = np.concatenate([values, shapes], axis=1)
@@ -81,12 +81,11 @@ def predictive_band(draws: Draws, likelihood: Marginal, rng: np.random.Generator
         answers[i] = control - residual
         noise = deviations[i] * rng.standard_normal((len(control), SETTLE + control.shape[1]))
         remnants[i] = lfilter([1.0], taps[i], noise, axis=1)[:, SETTLE:]
-    tails = (0.5 * (1.0 - SHARE), 0.5 * (1.0 + SHARE))
     return PredictiveBand(
         np.arange(prediction.scored, dtype=float) * prediction.dt,
         control,
-        np.quantile(answers, tails, axis=0),
-        np.quantile(answers + remnants, tails, axis=0),
+        np.quantile(answers, TAILS, axis=0),
+        np.quantile(answers + remnants, TAILS, axis=0),
     )
 
 
@@ -101,7 +100,6 @@ def sampled_parameters(draws: Draws, model: PilotModel) -> list[PosteriorQuantit
             key,
             units.get(key, ""),
             draws.values[:, i],
-            draws.weights,
             effective=float(draws.effective[i]),
             r_hat=float(draws.r_hat[i]),
             positive=bool(draws.positive[i]),
@@ -118,7 +116,7 @@ def derived(
 ) -> list[PosteriorQuantity]:
     """Products and sums of parameters, the VAF, and loop margins if the element is known."""
     result = combined_by_draws(draws)
-    some = draws.equally_weighted(COUNT)[:, : len(model.parameters)]
+    some = draws.thinned(COUNT)[:, : len(model.parameters)]
     result.append(sampled("VAF", "%", vafs(recording, model, some)))
     if element is not None and not model.no_loop:
         result += _margins(draws, model, element)
@@ -162,5 +160,5 @@ def loop_notes(draws: Draws, model: PilotModel, element: ControlledElement) -> l
 
 def _sampled(draws: Draws, model: PilotModel, element: ControlledElement) -> list[SampledLoop]:
     count = len(model.parameters)
-    sets = draws.equally_weighted(COUNT)[:, :count]
+    sets = draws.thinned(COUNT)[:, :count]
     return sampled_loops(model, draws.centre[:count], sets, element)

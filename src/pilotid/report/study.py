@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from itertools import permutations
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -141,9 +142,20 @@ def overview(
             f"* {', '.join(prior)} use prior knowledge: the range that parameters of pilots "
             "usually have. `bayes(prior=3)` has priors three times as wide."
         )
+        words += [wider for name in shown for wider in _wider_priors(study, name)]
     if len(names) < 2:
         return words if study.scenarios else ["The study holds no fits yet."], [], rankings
     return [_over_all(study, names), *words], matrices(study, names, widest), rankings
+
+
+def _wider_priors(study: Comparison, name: str) -> Iterator[str]:
+    """How the loss changes where a method's prior is wider, in words."""
+    entries = {m: e for m, e in study.methods.items() if e.uses_prior}
+    for (narrow, first), (wide, second) in permutations(entries.items(), 2):
+        same = {**first.settings, "prior": None} == {**second.settings, "prior": None}
+        if same and second.number("prior") > first.number("prior"):
+            words = f"In `{name}`, `{wide}` has {loss_text(*study.ratio(name, wide, narrow))}"
+            yield f"{words} times the loss of `{narrow}`: the effect of its prior."
 
 
 def _over_all(study: Comparison, names: Sequence[str]) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.estimates.draws import Draws, equal_tailed_interval
+from pilotid.estimates.draws import TAILS, Draws
 from pilotid.posterior.predictive import PredictiveBand
 from pilotid.show.style import (
     INK,
@@ -43,7 +43,7 @@ def corner(draws: Draws, units: dict[str, str]) -> Figure:
     from matplotlib.ticker import MaxNLocator
 
     count = len(draws.keys)
-    values = draws.equally_weighted(min(SHOWN, len(draws.values)))
+    values = draws.thinned(min(SHOWN, len(draws.values)))
     low, high = np.quantile(values, (0.002, 0.998), axis=0)
     limits = np.stack([low - 0.08 * (high - low), high + 0.08 * (high - low)], axis=1)
     with journal_style():
@@ -79,11 +79,8 @@ def _label(key: str, units: dict[str, str], between: str = " ") -> str:
 
 def _marginal(axes: Axes, draws: Draws, index: int, limits: FloatArray) -> None:
     own = draws.values[:, index]
-    axes.hist(
-        own, bins=40, range=tuple(limits), weights=draws.weights, color=COLOUR, histtype="step"
-    )
-    low, high = equal_tailed_interval(own, draws.weights)
-    for place in (low, float(draws.weights @ own), high):
+    axes.hist(own, bins=40, range=tuple(limits), color=COLOUR, histtype="step")
+    for place in (own.mean(), *np.quantile(own, TAILS)):
         axes.axvline(place, color=GREY, linestyle="--", linewidth=0.7)
     axes.set_yticks([])
 

@@ -12,7 +12,7 @@ from functools import cached_property
 from importlib.metadata import version
 from itertools import chain, count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from pilotid.jobs import TIME_LIMIT, run_tasks
 from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.code import code_digest, own_digest, packed, place_of, reason
 from pilotid.naming.settings import labelled, plain
+from pilotid.study import paper
 from pilotid.study.run import (
     OUTSIDE,
     Task,
@@ -113,10 +114,23 @@ def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") ->
 
 #: Shows results as they come: the results, and how many there will be by method.
 Bar = Callable[[Iterator[Fit], Mapping[str, int]], Iterable[Fit]]
-#: Scenarios and replications of each, by name of the profile.
-PROFILES: dict[str, tuple[tuple[str, ...], int]] = {
-    "quick": (("nominal", "population-usual"), 25),
-    "full": (tuple(CATALOGUE), 500),
+
+
+class Profile(NamedTuple):
+    """Scenarios, replications of each, and methods, where the user names none."""
+
+    scenarios: tuple[str, ...]
+    replications: int
+    methods: tuple[str, ...]
+
+
+#: Methods of the quick comparison; the others repeat what is inferior, or take long.
+CORE = ("mle", "bayes", "fourier", "arx", "sindy")
+#: By name, what is compared; the paper's is in `pilotid.study.paper`.
+PROFILES = {
+    "quick": Profile(("nominal", "population-usual"), 12, CORE),
+    "full": Profile(tuple(CATALOGUE), 500, (*methods(), "bayes(prior=3)")),
+    "paper": Profile((*paper.TABLE_3, *paper.REMNANTS, "starts"), 10, paper.METHODS),
 }
 
 
@@ -146,7 +160,7 @@ class Study:
         self,
         scenarios: Iterable[AnyScenario | str],
         methods: Iterable[Method | str],
-        replications: int = PROFILES["quick"][1],
+        replications: int = PROFILES["quick"].replications,
         seed: int = DEFAULT_SEED,
     ) -> None:
         typed = [

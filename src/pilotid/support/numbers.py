@@ -158,8 +158,8 @@ SETTINGS = {
     "long_poles": Range(1, 100, True),
     "own_lags": Range(1, 40, True),
     "trend": Range(0, 10, True),
-    "draws": Range(1, 10**6, True),
-    "wanted": Range(1.0, 1e5),
+    "effective": Range(1.0, 1e6),
+    "most": Range(1, 10**6, True),
     **dict.fromkeys(("points", "rounds", "candidates", "refined", "members", "kept"), FEW),
     **dict.fromkeys(("population", "generations", "iterations", "neighbours"), FEW),
 }

@@ -140,8 +140,8 @@ class Scores:
         factor = self.factor
         drawn = rng.standard_normal((DRAWS, factor.shape[1])) @ factor.T
         squares = np.sum(drawn.reshape(DRAWS, len(self.statistics), -1) ** 2, axis=2)
-        beyond = np.count_nonzero(squares.max(axis=1) >= self.statistics.max())
-        return float(min((beyond + 1.0) / (DRAWS + 1.0), self.bound))
+        beyond = int(np.count_nonzero(squares.max(axis=1) >= self.statistics.max()))
+        return min((beyond + 1.0) / (DRAWS + 1.0), self.bound)
 
 
 def changes(p: float, size: float) -> bool:
