@@ -108,17 +108,17 @@ def _by_delta(estimate: Fit, element: ControlledElement) -> list[Loop]:
             continue
         slopes = margin_slopes(model, values, element, found.crossover)[i]
         delay = float(effective_delay(found.crossover, found.phase_margin))
-        late = -(delay * slopes[0] + np.radians(slopes[1])) / found.crossover
-        slopes = np.vstack([slopes, late])
+        of_delay = -(delay * slopes[0] + np.radians(slopes[1])) / found.crossover
+        slopes = np.vstack([slopes, of_delay])
         errors = np.sqrt(np.einsum("qi,ij,qj->q", slopes, covariance, slopes))
         numbers = (found.crossover, found.phase_margin, delay)
-        quantities = (
+        crossover, phase_margin, late = (
             Quantity(key, unit, value, error, value - Z95 * error, value + Z95 * error)
             for (key, unit), value, error in zip(
                 loop_keys(name), numbers, errors.tolist(), strict=True
             )
         )
-        result.append(Loop(name, *quantities, others=found.others))
+        result.append(Loop(name, crossover, phase_margin, late, found.others))
     return result
 
 
@@ -211,11 +211,12 @@ def sampled_loops(
         told = no_loop(name, remark, own.others)
         if len(kept):
             numbers = (frequency, phase, effective_delay(frequency, phase))
-            quantities = (
+            three = (
                 sampled(key, unit, own)
                 for (key, unit), own in zip(loop_keys(name), numbers, strict=True)
             )
-            told = Loop(name, *quantities, others=own.others, remark=remark)
+            crossing, margin_there, late = three
+            told = Loop(name, crossing, margin_there, late, own.others, remark)
         result.append(SampledLoop(told, frequency, phase))
     return result
 
@@ -375,8 +376,10 @@ class Loops:
 def no_loop(name: str, why: str, others: tuple[float, ...] = ()) -> Loop:
     """A loop without a crossover, and why."""
     nan = float("nan")
-    quantities = (Quantity(key, unit, nan, nan, nan, nan) for key, unit in loop_keys(name))
-    return Loop(name, *quantities, others=others, remark=why)
+    crossover, phase_margin, late = (
+        Quantity(key, unit, nan, nan, nan, nan) for key, unit in loop_keys(name)
+    )
+    return Loop(name, crossover, phase_margin, late, others, why)
 
 
 def loop_keys(name: str) -> tuple[tuple[str, str], ...]:

@@ -19,9 +19,10 @@ import numpy as np
 
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import Method, identify
-from pilotid.experiment.files import alone, of_runs, without
+from pilotid.experiment.files import alone, without
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.windows import of_runs
 from pilotid.support.numbers import fit_rng
 
 if TYPE_CHECKING:

@@ -98,7 +98,8 @@ def describing_function(
     if isinstance(points, Recording):
         from pilotid.methods.fourier import first_step_of
 
-        points, units = first_step_of(points, estimates[0].model), units or points.units
+        units = units or points.units
+        points = first_step_of(points, estimates[0].model)
     for name, above, below in zip(names, axes[::2], axes[1::2], strict=False):
         _draw_channel(estimates, name, truth, points, units, (above, below))
     return tuple(axes)
