@@ -78,6 +78,7 @@ def check(session: nox.Session) -> None:
         "theory": "theory_against_monte_carlo.py",
         "front": "front.py",
         "sbc": "sbc.py",
+        "posteriors": "posteriors.py",
         "remarks": "remarks.py",
         "population": "population.py",
         "published": "published.py",

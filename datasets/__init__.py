@@ -1,6 +1,6 @@
 """Simulated data sets whose truth is known."""
 
-from pilotid.datasets.fixed import FixedTask, fixed_tasks, load_task
+from pilotid.datasets.fixed import FixedTask, fixed_tasks, load_task, reference_posterior
 from pilotid.datasets.named import CATALOGUE, AnyScenario, scenario_named, scenarios_named
 from pilotid.datasets.population import POPULATIONS, Population
 from pilotid.datasets.scenarios import SCENARIOS, Scenario
@@ -16,6 +16,7 @@ __all__ = [
     "Scenario",
     "fixed_tasks",
     "load_task",
+    "reference_posterior",
     "scenario_named",
     "scenarios_named",
     "simulate",

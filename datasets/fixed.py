@@ -69,6 +69,25 @@ def load_task(name: str) -> FixedTask:
     return FixedTask(load_recording(FOLDER / f"{name}.npz"), MODELS[held["model"]], truth, bound)
 
 
+def reference_posterior(name: str) -> dict[str, FloatArray]:
+    """1,000 draws of the posterior of a fixed task, by parameter, the remnant's last.
+
+    They are evenly from long runs of `bayes` with its own priors and choice of the remnant's
+    model.  ``nox -s check -- posteriors`` wrote them.
+
+    Parameters
+    ----------
+    name
+        One of `fixed_tasks`.
+    """
+    with np.load(FOLDER / "posteriors.npz") as held:
+        return {
+            key.removeprefix(f"{name}."): held[key].astype(float)
+            for key in held.files
+            if key.startswith(f"{name}.")
+        }
+
+
 @cache
 def _known() -> dict[str, Any]:
     known: dict[str, Any] = json.loads((FOLDER / "truth.json").read_text(encoding="utf-8"))

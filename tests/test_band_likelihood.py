@@ -16,7 +16,7 @@ from pilotid.datasets.scenarios import Scenario
 from pilotid.estimates.method import identify
 from pilotid.methods import MLE
 from pilotid.pilot.catalogue import MODELS
-from pilotid.pilot.element import double_integrator
+from pilotid.pilot.element import double_integrator, element_named
 from pilotid.pilot.loops import pilot_on
 from pilotid.posterior.likelihood import Marginal
 from pilotid.recordings.recording import Recording
@@ -331,3 +331,15 @@ def test_what_lies_between_the_lines_of_a_target_takes_nothing_from_the_band(dec
     estimate = identify(MLE(), recording, MODELS["look-ahead"], np.random.default_rng(1))
     assert estimate.band is not None
     assert estimate.band.half > 15.0
+
+
+@pytest.mark.parametrize(
+    ("element", "unstable"), [("4/s^2", 0), ("4/(s^2-0.001s+0.0025)", 0), ("4/(s(s-0.5))", 1)]
+)
+def test_unstable_poles_slower_than_the_window_tells_are_integrators(
+    element: str, unstable: int
+) -> None:
+    omega = np.linspace(0.05, 40.0, 500)
+    every = np.ones_like(omega)
+    weighting = Weighting(omega, every, every, element_named(element), 0.0, hidden=False)
+    assert weighting.terms(0.02, 4096, 1, (0.0,)).unstable == unstable

@@ -9,7 +9,7 @@ import pytest
 from helpers import fit_of
 from scipy import stats
 
-from pilotid.datasets import SCENARIOS, simulate
+from pilotid.datasets import SCENARIOS, fixed_tasks, load_task, reference_posterior, simulate
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import identify
@@ -225,6 +225,25 @@ def test_a_long_run_finds_what_a_usual_one_does() -> None:
     # The kurtosis of none is above 4.
     ratio = quick.std_error / slow.std_error
     np.testing.assert_allclose(ratio, 1.0, atol=4.0 * np.sqrt(3.0 / (4.0 * 400.0)))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [n if n == "single-0" else pytest.param(n, marks=pytest.mark.long) for n in fixed_tasks()],
+)
+def test_reference_posteriors_are_found_again(name: str) -> None:
+    task, reference = load_task(name), reference_posterior(name)
+    draws = drawn(identify(Bayes(), task.recording, task.model, np.random.default_rng(8)))
+    assert draws.converged
+    assert draws.keys == tuple(reference)
+    for key, values, effective in zip(draws.keys, draws.values.T, draws.effective, strict=True):
+        own, known = np.log(values), np.log(reference[key])
+        error = np.sqrt(1.0 / effective + 1.0 / known.size)
+        assert abs(own.mean() - known.mean()) < 4.5 * error * known.std(), key
+        for share in (0.1, 0.9):
+            # The share below a quantile of the reference, with its binomial error.
+            below = np.mean(own < np.quantile(known, share))
+            assert abs(below - share) < 4.5 * error * np.sqrt(share * (1.0 - share)), key
 
 
 def test_the_posterior_of_a_gain_alone_is_that_of_a_quadrature() -> None:

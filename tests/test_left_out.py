@@ -13,9 +13,10 @@ from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.method import identify
 from pilotid.experiment.cross_validation import predict_left_out, ranked
-from pilotid.experiment.files import alone, of_runs, without
+from pilotid.experiment.files import alone, without
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.windows import of_runs
 from pilotid.support.numbers import fit_rng
 
 SINGLE = SCENARIOS["single"]

@@ -106,8 +106,8 @@ def _given() -> list[Table]:
 def _runs(study: Comparison) -> dict[str, Any]:
     """Fig. 3."""
     shown = _known(study.frame[study.frame.scenario == "nominal"], "replication")
-    figure = Figure("fig-3", _points(KEYS, shown.assign(place=shown.place + 1), "run", _truth()),
-                    "Fig. 3: estimates of ten recordings with their claimed standard errors; grey: "
+    figure = _figure("3", _points(KEYS, shown.assign(place=shown.place + 1), "run", _truth()),
+                     "estimates of ten recordings with their claimed standard errors; grey: "
                     "truth.")  # fmt: skip
     rows = []
     for place, key in enumerate(KEYS):
@@ -125,8 +125,8 @@ def _runs(study: Comparison) -> dict[str, Any]:
         "fig-3",
         "Figure 3: ten simulations",
         f"The paper's standard deviations make the standard error of its mean {gain:.0f} % for "
-        f"`Kvis` and {lead:.0f} % for `tlead`: the signs of these two biases are chance, there and "
-        "here. The others have signs that ten runs do tell.",
+        f"`Kvis` and {lead:.0f} % for `tlead`: the signs that it has for these two are not "
+        "significant. Ours depend on the remnant's filter, which is inferred.",
         "Methods start from generic guesses here, not from the truth as in the paper.",
         figures=[figure],
         tables=[table(rows, caption, titles, forms)],
@@ -150,15 +150,17 @@ def _signals(study: Comparison) -> dict[str, Any]:
             axes.set_ylabel(label, fontsize=7.5)
             draw_grid(axes)
         axes.set_xlabel("t [s]")
-    shown = Figure("fig-4", figure, "Fig. 4: signals of the first recording of `nominal`.")
+    shown = Figure(
+        "fig-4", figure, "The paper's Fig. 4: signals of the first recording of `nominal`."
+    )
     return _section("fig-4", "Figure 4: one simulation", figures=[shown])
 
 
 def _starts(study: Comparison) -> dict[str, Any]:
     """Fig. 5."""
     shown = _known(study.frame[study.frame.scenario == "starts"], "replication")
-    figure = Figure("fig-5", _points(KEYS, shown.assign(place=shown.place + 1), "start", _truth()),
-                    "Fig. 5: ends of ten fits of one recording from guesses within 40 % of the "
+    figure = _figure("5", _points(KEYS, shown.assign(place=shown.place + 1), "start", _truth()),
+                     "ends of ten fits of one recording from guesses within 40 % of the "
                     "truth; grey: truth.")  # fmt: skip
     rows = []
     for key, paper in zip(KEYS, FIGURE_5, strict=True):
@@ -198,7 +200,7 @@ def _remnant(study: Comparison) -> dict[str, Any]:
                 axes.plot(power["remnant-0.4"], paper, "x", color=INK, markersize=5.0)
                 draw_grid(axes)
             _legend(spare, paper="paper, gain .4")
-        drawn.append(Figure(f"fig-{number_}", figure, f"Fig. {number_}: {label} over the remnant."))
+        drawn.append(_figure(number_, figure, f"{label} over the remnant."))
     failed = [f"{name.partition('-')[2]}: {_score(study, name, 'mmle3', 'all').failures}"
               for name in REMNANTS]  # fmt: skip
     return _section(
@@ -229,8 +231,8 @@ def _forcing(study: Comparison) -> dict[str, Any]:
             rows.append((name, method, *map(_percent, own), failures))
     frame = DataFrame(points, columns=["method", "parameter", "place", "value", "std_error"])
     ticks = dict(enumerate(WORDS.values()))
-    figure = Figure("fig-8", _points(KEYS, frame, "", _truth(), ticks),
-                    "Fig. 8: means with 95 % intervals; grey: truth; crosses: the paper's means, "
+    figure = _figure("8", _points(KEYS, frame, "", _truth(), ticks),
+                     "means with 95 % intervals; grey: truth; crosses: the paper's means, "
                     "from its Table 3.")  # fmt: skip
     titles = ("forcing", "method", *KEYS, "failed")
     caption = "Table 3: bias [%], of fits that did not fail"
@@ -309,6 +311,10 @@ def _groups(trials: DataFrame, figure: str, task: str) -> dict[str, Any]:
 # ------------------------------------------------------------------------------------ helpers
 
 
+def _figure(number_: str, drawing: Drawing, words: str) -> Figure:
+    return Figure(f"fig-{number_}", drawing, f"The paper's Fig. {number_}: {words}")
+
+
 def _truth() -> dict[str, float]:
     return dict(zip(KEYS, SCENARIOS["nominal"].truth, strict=True))
 
@@ -342,8 +348,8 @@ def _grouped(figure: str, own: DataFrame, keys: Iterable[str], conditions: Itera
     names = [*conditions]
     shifts = own.condition.map(names.index) / (len(names) + 1.0) - 0.3
     drawing = _points([*keys], own.assign(place=own.subject + shifts).dropna(), "subject", {})
-    caption = f"Fig. {figure}: from left to right {', '.join(names)}; failed fits are missing."
-    return Figure(f"fig-{figure}", drawing, caption)
+    words = f"from left to right {', '.join(names)}; failed fits are missing."
+    return _figure(figure, drawing, words)
 
 
 def _points(
@@ -354,7 +360,7 @@ def _points(
     ticks: Mapping[int, str] | None = None,
 ) -> Drawing:
     """A panel for each parameter: values over their place, with error bars."""
-    methods = [*frame.method.unique()]
+    methods = [method for method in ("paper", *METHODS) if method in {*frame.method}]
     with panelled(keys, 1.75, (label, "")) as (figure, panels, spare):
         for key, axes in zip(keys, panels, strict=True):
             own = frame[frame.parameter == key]

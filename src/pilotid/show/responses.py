@@ -94,7 +94,7 @@ def describing_function(
     names = [channel] if channel else [c.name for c in estimates[0].model.channels]
     for name in names:
         _channel(estimates[0], name)
-    axes = axes or new_columns(len(names))
+    axes = new_columns(len(names)) if axes is None else axes
     if isinstance(points, Recording):
         from pilotid.methods.fourier import first_step_of
 

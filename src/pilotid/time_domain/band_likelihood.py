@@ -104,6 +104,8 @@ class Weighting:
         # The mean is half a bin, unless it is projected out.
         mean = 0.0 if 0.0 in poles else 0.5
         counting = int(np.flatnonzero(weights)[-1]) + 1
+        # Poles slower than the window tells are integrators, whatever the sign of their real part.
+        of_element = np.roots(self.element.denominator)
         inside = runs * np.add.reduceat(weights, begins)
         whitened = inside + runs * np.add.reduceat(outside, begins)
         return BandTerms(
@@ -114,7 +116,7 @@ class Weighting:
             outside=by_lag[np.abs(np.subtract.outer(lags, lags))],
             dt=dt,
             taken=runs * len(set(poles) - {0.0}),
-            unstable=int(np.sum(np.roots(self.element.denominator).real > 0.0)),
+            unstable=int(np.sum((of_element.real > 0.0) & (np.abs(of_element) > omega[0]))),
         )
 
 
@@ -137,7 +139,7 @@ class BandTerms:
     taken
         Residuals that nuisance terms take.
     unstable
-        Unstable poles of the controlled element.
+        Unstable poles of the controlled element, slower ones than the first bin left out.
     """
 
     weights: FloatArray

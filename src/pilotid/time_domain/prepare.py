@@ -192,12 +192,11 @@ def prepare(
         scored = next(n for n in range(scored, 0, -1) if fast_length(n) == n)
 
     channels = [(recording.input(c.on), c.derivative) for c in model.channels]
-    given = factor, recording.dt, centres
     return Prepared(
         dt=recording.dt * factor,
-        inputs=tuple(derivative(*channel, *given) for channel in channels),
-        edges=tuple(edges(*channel, *given) for channel in channels),
-        control=derivative(recording.u, 0, *given),
+        inputs=tuple(derivative(*channel, factor, recording.dt, centres) for channel in channels),
+        edges=tuple(edges(*channel, factor, recording.dt, centres) for channel in channels),
+        control=derivative(recording.u, 0, factor, recording.dt, centres),
         first=before,
         scored=scored,
         time=recording.time[centres],
