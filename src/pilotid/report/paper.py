@@ -382,10 +382,12 @@ def _points(
 
 def _limits(values: FloatArray) -> tuple[float, float]:
     """Ends of an axis that leaves out what lies far from most values."""
-    if not values.size:
+    known = values[np.isfinite(values)]
+    if not known.size:
         return 0.0, 1.0
-    middle = float(np.median(values))
-    inside = values[np.abs(values - middle) <= REACH * abs(middle)]
+    middle = float(np.median(known))
+    near = known[np.abs(known - middle) <= REACH * abs(middle)]
+    inside = near if near.size else known
     room = 0.15 * float(np.ptp(inside)) + 0.05 * abs(middle)
     return float(inside.min()) - room, float(inside.max()) + room
 
