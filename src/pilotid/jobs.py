@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from itertools import chain, islice
 from multiprocessing import spawn
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -39,8 +40,10 @@ class Loss(enum.Enum):
 
 
 #: How many tasks to hand over at once; submits a function and its task; and why a task that ends
-#: with an error has no answer, or raises what else is wrong.
-Executor = tuple[int, Callable[..., Future[Any]], Callable[[Exception], tuple[Loss, str]]]
+#: with an error has no answer, or raises what else is wrong; and whether answers still come.
+Executor = tuple[
+    int, Callable[..., Future[Any]], Callable[[Exception], tuple[Loss, str]], Callable[[], bool]
+]
 
 
 def run_tasks(
@@ -80,13 +83,16 @@ def run_tasks(
         return
     remaining, running = chain(first, remaining), dict[Future[Any], Task]()
     chosen = _processes(len(first), seconds) if scheduler is None else _cluster(scheduler)
-    with chosen as (room, submit, loss):
+    with chosen as (room, submit, loss, works):
         while True:
             for task in islice(remaining, room - len(running)):
                 running[submit(function, task)] = task
             if not running:
                 return
-            for future in wait(running, POLL_INTERVAL, FIRST_COMPLETED).done:
+            done = wait(running, POLL_INTERVAL, FIRST_COMPLETED).done
+            if not (done or works()):  # a pool that gives up may leave tasks without an end
+                raise RuntimeError
+            for future in done:
                 task = running.pop(future)
                 try:
                     answer: Answer = future.result()
@@ -119,7 +125,12 @@ def _processes(workers: int, seconds: float | None) -> Iterator[Executor]:
 
     pool = ProcessPool(workers, initializer=_set_up, context=_Context())
     try:
-        yield 2 * workers, lambda do, task: pool.schedule(do, [task], timeout=seconds), loss
+        yield (
+            2 * workers,
+            lambda f, t: pool.schedule(f, [t], timeout=seconds),
+            loss,
+            lambda: pool.active,
+        )
     except RuntimeError:  # of a task, or of a pool that has given up
         if pool.active:
             raise
@@ -202,7 +213,8 @@ def _cluster(scheduler: str) -> Iterator[Executor]:
     executor, digest = client.get_executor(retries=0, pure=False), own_digest()
     try:
         # So many tasks keep all workers busy.
-        yield 1000, lambda do, task: executor.submit(_same_code, digest, do, task), loss
+        submit = partial(executor.submit, _same_code, digest)
+        yield 1000, submit, loss, lambda: True
     finally:
         with suppress(Exception):  # there may be nobody to take leave of
             client.close(timeout=2.0)
