@@ -70,7 +70,7 @@ def load_task(name: str) -> FixedTask:
 
 
 def reference_posterior(name: str) -> dict[str, FloatArray]:
-    """1,000 draws of the posterior of a fixed task, by parameter, the remnant's last.
+    """Draws of the posterior of a fixed task, by parameter, the remnant's last, shape (1000,).
 
     They are evenly from long runs of `bayes` with its own priors and choice of the remnant's
     model.  ``nox -s check -- posteriors`` wrote them.

@@ -104,8 +104,8 @@ def test_a_replication_has_its_own_recording_and_start_and_every_method_the_same
 
 
 def test_a_label_of_one_s_own_names_a_method_and_moves_no_number() -> None:
-    study = Study("single", ["short=bayes(draws=50)", "bayes(draws=50)"], 1)
-    assert study.labels == ("short", "bayes(draws=50)")
+    study = Study("single", ["short=bayes(effective=50)", "bayes(effective=50)"], 1)
+    assert study.labels == ("short", "bayes(effective=50)")
     short, usual = (run_task(task) for task in study.tasks(study.keys))
     assert short.method == "short"
     assert short.estimates == usual.estimates
