@@ -494,6 +494,9 @@ def step_of(signal: FloatArray) -> float:
     return step if near.size > 10 and float(np.std(near - np.round(near))) < 0.1 else 0.0
 
 
+BLOCK = 2**17  # samples that are looked at together: a long recording takes little memory
+
+
 def _outliers(
     output: FloatArray, drive: FloatArray, order: int = 8
 ) -> tuple[float, float, int, int, int]:
@@ -502,24 +505,37 @@ def _outliers(
     Then how many stand out, and run and sample of the first.  Differences take the place of past
     values, which are all but equal.
     """
-    scale = float(np.std(output)) or 1.0
-    past, difference = [], output / scale
-    for _ in range(order):
-        past.append(difference)
-        difference = np.diff(difference, axis=1)
-    count = difference.shape[1]
-    # What is known a sample before: x_t less its past is the difference of the highest order.
-    columns = [p[:, order - 1 - i : order - 1 - i + count] for i, p in enumerate(past)]
-    columns += [drive[:, order - i : order - i + count] for i in range(4)]
-    table = np.stack([c.ravel() for c in columns], axis=1)
-    table = table / (np.sqrt(np.mean(table**2, axis=0)) + 1e-300)
-    wanted = difference.ravel()
-    kept = np.ones(wanted.size, dtype=bool)
+    scale, count = float(np.std(output)) or 1.0, output.shape[1] - order
+
+    def block(begin: int) -> tuple[FloatArray, FloatArray]:
+        """What is known a sample before, and x_t less its past: the highest difference."""
+        end = min(begin + BLOCK, count)
+        past, difference = [], output[:, begin : end + order] / scale
+        for _ in range(order):
+            past.append(difference)
+            difference = np.diff(difference, axis=1)
+        size = difference.shape[1]
+        columns = [p[:, order - 1 - i : order - 1 - i + size] for i, p in enumerate(past)]
+        columns += [drive[:, begin + order - i : end + order - i] for i in range(4)]
+        return np.stack([c.ravel() for c in columns], axis=1), difference.ravel()
+
+    begins = range(0, count, BLOCK)
+    squares = sum(np.sum(block(begin)[0] ** 2, axis=0) for begin in begins)
+    unit = np.sqrt(squares / (len(output) * count)) + 1e-300
+    error = np.zeros((len(output), count))
+    kept = np.ones_like(error, dtype=bool)
     for _ in range(3):
-        part = table * kept[:, None]
-        gram = part.T @ table
-        values = np.linalg.lstsq(gram, part.T @ wanted, rcond=1e-13)[0]
-        error = np.abs(wanted - table @ values)
+        gram, goal = np.zeros((len(unit), len(unit))), np.zeros(len(unit))
+        for begin in begins:
+            table, wanted = block(begin)
+            part = table / unit * kept[:, begin : begin + BLOCK].reshape(-1, 1)
+            gram += part.T @ (table / unit)
+            goal += part.T @ wanted
+        values = np.linalg.lstsq(gram, goal, rcond=1e-13)[0] / unit
+        for begin in begins:
+            table, wanted = block(begin)
+            left = np.abs(wanted - table @ values)
+            error[:, begin : begin + BLOCK] = left.reshape(len(output), -1)
         usual = float(np.median(error)) / 0.6745 + 1e-13
         kept = error < 6.0 * usual
     far = np.flatnonzero(error > max(RECORDER.outlier[0] * usual, RECORDER.outlier[1]))
