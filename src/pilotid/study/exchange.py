@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from pilotid.estimates.estimate import Outcome
 from pilotid.naming.settings import name_of
 from pilotid.recordings.files import save_recording
 from pilotid.recordings.recording import Recording
-from pilotid.study.run import recording_of, scenario_of, started, with_truth
+from pilotid.study.run import recorded, recording_of, scenario_of, started, with_truth
 from pilotid.study.table import METHODS, Entry, Fit, Store
 from pilotid.support.disk import make_folder, require_file, require_folder, strict_json, write_file
 from pilotid.support.store import number
@@ -149,7 +149,8 @@ def export(
     made = []
     for origin in [own for text in scenarios for own in scenarios_named(text)]:
         for replication in range(replications):
-            scenario, recording = _drawn(origin, seed, replication)
+            scenario = scenario_of(origin, seed, replication)
+            recording = recording_of(origin, seed, recorded(origin, replication))
             model = started(scenario, seed, replication)
             name = f"{name_of(origin.name)}-{replication}"
             file = f"{RECORDINGS}/{name}.{kind}"
@@ -268,12 +269,6 @@ def enter_estimates(store: Store, found: Sequence[tuple[Entry, list[Fit]]]) -> N
             store.add(fit)
 
 
-def _drawn(origin: AnyScenario, seed: int, replication: int) -> tuple[Any, Recording]:
-    """The scenario of a replication and its recording, as `pilotid.study.run.run_task` has it."""
-    shown = 0 if getattr(origin, "one_recording", False) else replication
-    return scenario_of(origin, seed, shown), recording_of(origin, seed, shown)
-
-
 def _table(path: Path) -> DataFrame:
     """The table of estimates: numbers are numbers, NaN where there are none."""
     from pandas import read_csv, to_numeric
@@ -351,7 +346,7 @@ def _require_same(
                 f"{study.replications}; say --replications {len(exported)}"
             )
         for replication in sorted(exported)[: study.replications]:
-            _, recording = _drawn(origin, study.seed, replication)
+            recording = recording_of(origin, study.seed, recorded(origin, replication))
             if digest_of(recording) != known[name, replication].digest:
                 raise InputError(
                     f"{path.parent / MANIFEST}: replication {replication} of {name} has another "
@@ -367,7 +362,7 @@ def _fits(
     rows = dict(iter(table.groupby(["scenario", "replication"], sort=False)))
     for name in table.scenario.unique():
         for replication in range(study.replications):
-            scenario, _ = _drawn(origins[name], study.seed, replication)
+            scenario = scenario_of(origins[name], study.seed, replication)
             own = rows.get((name, replication), table[:0])
             found = {key: values for key, *values in own[["parameter", *NUMBERS]].itertuples(False)}
             why = _fault(found, scenario.model.keys)

@@ -61,7 +61,7 @@ def run_task(task: Task) -> Fit:
         held: tuple[AnyScenario, Method] = unpacked(task.content)
         origin, method = held
         name, _, replication = key
-        shown = 0 if origin.one_recording else replication
+        shown = recorded(origin, replication)
         scenario = scenario_of(origin, seed, shown)
         recording = recording_of(origin, seed, shown)
         model = started(scenario, seed, replication)
@@ -112,6 +112,11 @@ def with_truth(
         rows.append((*known, value, error, low, high))
     model, facts = scenario.model.name, facts_of(scenario)
     return replace(fit, model=model, facts=facts, estimates=tuple(rows))
+
+
+def recorded(origin: AnyScenario, replication: int) -> int:
+    """Whose recording a replication fits: the first one's, where all fit the same."""
+    return 0 if origin.one_recording else replication
 
 
 @lru_cache(maxsize=2)  # methods of a replication come one after the other
