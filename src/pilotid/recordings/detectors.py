@@ -507,6 +507,7 @@ def _outliers(
     """
     scale, count = float(np.std(output)) or 1.0, output.shape[1] - order
 
+    @lru_cache(maxsize=1)  # most recordings have one block
     def block(begin: int) -> tuple[FloatArray, FloatArray]:
         """What is known a sample before, and x_t less its past: the highest difference."""
         end = min(begin + BLOCK, count)
@@ -528,8 +529,9 @@ def _outliers(
         gram, goal = np.zeros((len(unit), len(unit))), np.zeros(len(unit))
         for begin in begins:
             table, wanted = block(begin)
-            part = table / unit * kept[:, begin : begin + BLOCK].reshape(-1, 1)
-            gram += part.T @ (table / unit)
+            scaled = table / unit
+            part = scaled * kept[:, begin : begin + BLOCK].reshape(-1, 1)
+            gram += part.T @ scaled
             goal += part.T @ wanted
         values = np.linalg.lstsq(gram, goal, rcond=1e-13)[0] / unit
         for begin in begins:
