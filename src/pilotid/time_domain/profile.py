@@ -5,7 +5,8 @@ at a bound, the likelihood is far from a parabola and often has another optimum 
 a slow neuromuscular system with a short delay resembles a fast one with a long delay.  So each
 parameter at a bound is fixed at usual values, and the others are fitted.  When a change in time
 was, and how fast, has many local optima too: other times and rates are fixed, one after the
-other.  Whatever is as likely as the ends of an interval belongs into the intervals.
+other.  Whatever is as likely as the ends of an interval belongs into the intervals, and a usual
+neuromuscular system in place of an unusual one even where it is a little less likely.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
 from pilotid.solve.least_squares import Bounds, Box, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO, Z95
-from pilotid.support.types import FloatArray
+from pilotid.support.types import BoolArray, FloatArray
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.settings import USUAL_SYSTEM_DEVIANCE
 
@@ -193,10 +194,8 @@ def over_systems(found: Optimum, intervals: FloatArray) -> FloatArray:
             held = Box.holding(Box.holding(joint, f, frequency), d, damping)
             point = np.clip(point, held.lower, held.upper)
             end = minimise(found.search.gram, point[None], held, tolerance=1e-3, iterations=20)
-            if end.cost[0] < limit:
-                there = end.values[0, : joint.pilot]
-                lower, upper = intervals.T
-                intervals = np.stack([np.minimum(lower, there), np.maximum(upper, there)], axis=1)
+            suits = np.full(joint.pilot, end.cost[0] < limit)
+            intervals = _holding(intervals, end.values[0, : joint.pilot], suits)
     return intervals
 
 
@@ -213,13 +212,13 @@ def over_changes(found: Optimum, intervals: FloatArray) -> FloatArray:
     joint, optimum, pilot = found.joint, found.values, found.joint.pilot
     if not joint.prediction.model.changes:
         return intervals
-    result = intervals.copy()
     target = float(found.end.cost[0]) * np.exp(deviances(found) / found.freedom)
     middle, rate = joint.prediction.model.change
     low, high = intervals[middle]
     beyond = [low - far for far in SHIFTS] + [high + far for far in SHIFTS]
     near = tuple(float(optimum[middle]) + shift for shift in FROM_SHIFTS)
     rates = [v for v in RATES if not intervals[rate, 0] <= v <= intervals[rate, 1]]
+    result = intervals
     for fixed, value, other, starts in (
         *((middle, float(value), rate, FROM_RATES) for value in beyond),
         *((rate, value, middle, near) for value in rates),
@@ -236,7 +235,13 @@ def over_changes(found: Optimum, intervals: FloatArray) -> FloatArray:
             iterations=10,
         )
         for cost, own in zip(fits.cost, fits.values[:, :pilot], strict=True):
-            suits = cost <= target
-            result[suits, 0] = np.minimum(result[suits, 0], own[suits])
-            result[suits, 1] = np.maximum(result[suits, 1], own[suits])
+            result = _holding(result, own, cost <= target)
     return result
+
+
+def _holding(intervals: FloatArray, point: FloatArray, suits: BoolArray) -> FloatArray:
+    """Intervals (parameters, 2) that hold a point, too, in the parameters that it suits."""
+    held = np.stack(
+        [np.minimum(intervals[:, 0], point), np.maximum(intervals[:, 1], point)], axis=1
+    )
+    return np.where(suits[:, None], held, intervals)
