@@ -105,8 +105,8 @@ def _given() -> list[Table]:
 
 def _runs(study: Comparison) -> dict[str, Any]:
     """Fig. 3."""
-    shown = _known(study.frame[study.frame.scenario == "nominal"], "replication")
-    figure = _figure("3", _points(KEYS, shown.assign(place=shown.place + 1), "run", _truth()),
+    shown = _numbered(study, "nominal")
+    figure = _figure("3", _points(KEYS, shown, "run", _truth()),
                      "estimates of ten recordings with their claimed standard errors; grey: "
                     "truth.")  # fmt: skip
     rows = []
@@ -158,8 +158,8 @@ def _signals(study: Comparison) -> dict[str, Any]:
 
 def _starts(study: Comparison) -> dict[str, Any]:
     """Fig. 5."""
-    shown = _known(study.frame[study.frame.scenario == "starts"], "replication")
-    figure = _figure("5", _points(KEYS, shown.assign(place=shown.place + 1), "start", _truth()),
+    shown = _numbered(study, "starts")
+    figure = _figure("5", _points(KEYS, shown, "start", _truth()),
                      "ends of ten fits of one recording from guesses within 40 % of the "
                     "truth; grey: truth.")  # fmt: skip
     rows = []
@@ -330,8 +330,10 @@ def _percent(score: Any) -> str:
     return plus_minus(score.bias_percent, error) if math.isfinite(error) else "-"
 
 
-def _known(frame: DataFrame, place: str) -> DataFrame:
-    return frame[frame.usable].assign(place=frame[place])
+def _numbered(study: Comparison, scenario: str) -> DataFrame:
+    """Estimates of a scenario, each at the number of its replication from 1."""
+    own = study.frame[study.frame.usable & (study.frame.scenario == scenario)]
+    return own.assign(place=own.replication + 1)
 
 
 def _change(rows: DataFrame, before: str, after: str) -> str | None:

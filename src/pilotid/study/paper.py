@@ -27,6 +27,7 @@ from pilotid.pilot.loops import is_stable
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import load_recording
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng
+from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -130,13 +131,17 @@ def trials(seed: int) -> Iterator[Trial]:
         pilots = [_pilot(share) for share in MOTION.values()]
         for condition, truth in zip(MOTION, _scattered(pilots, seed, subject), strict=True):
             name = f"fig-9-{subject}-{condition}"
-            made.append(("9", subject, condition, SINGLE, _named(rejecting, name, truth)))
+            made.append(
+                ("9", subject, condition, SINGLE, replace(rejecting, name=name, truth=truth))
+            )
     for figure, base in (("10", rejecting), ("11", following)):
         for group in range(1, GROUPS + 1):
             pilots = [_pilot(1.0, more) for more in PERIPHERAL.values()]
             for condition, truth in zip(PERIPHERAL, _scattered(pilots, seed, group), strict=True):
                 name = f"fig-{figure}-{group}-{condition}"
-                made.append((figure, group, condition, MULTI, _named(base, name, truth)))
+                made.append(
+                    (figure, group, condition, MULTI, replace(base, name=name, truth=truth))
+                )
     for file in recordings_in(folder_of("yaw"), "yaw"):
         number, _, motion = file.stem.partition("subj")[2].partition("_")
         if motion in YAW:
@@ -146,11 +151,7 @@ def trials(seed: int) -> Iterator[Trial]:
             yield Trial(figure, subject, condition, method, model, source, seed)
 
 
-def _named(base: Scenario, name: str, truth: tuple[float, ...]) -> Scenario:
-    return replace(base, name=name, truth=truth)
-
-
-def _pilot(share: float, vestibular: float = 1.0) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _pilot(share: float, vestibular: float = 1.0) -> FloatArray:
     """Between the paper's pilots at rest and in motion."""
     gain, lead, delay, *muscles = PILOT_AT_REST
     at_rest = np.array([gain, lead, delay, 1e-6, PILOT_IN_MOTION[4], *muscles])
@@ -159,9 +160,7 @@ def _pilot(share: float, vestibular: float = 1.0) -> np.ndarray[Any, np.dtype[np
     return mixed
 
 
-def _scattered(
-    pilots: list[np.ndarray[Any, np.dtype[np.float64]]], seed: int, subject: int
-) -> list[tuple[float, ...]]:
+def _scattered(pilots: list[FloatArray], seed: int, subject: int) -> list[tuple[float, ...]]:
     """The pilots times what a subject has of his own, such that all loops are well stable."""
     rng, element = draw_rng(seed, "paper", subject), SCENARIOS["nominal"].element
     later = np.array([MARGIN if key in ("Kvis", "tdvis") else 1.0 for key in KEYS])
