@@ -83,7 +83,8 @@ def run_tasks(
         return
     remaining, running = chain(first, remaining), dict[Future[Any], Task]()
     chosen = _processes(len(first), seconds) if scheduler is None else _cluster(scheduler)
-    with chosen as (room, submit, loss, works):
+    with chosen as (room, submit, loss, works), ExitStack() as leaving:
+        leaving.callback(running.clear)  # futures that outlive a client of Dask's complain
         while True:
             for task in islice(remaining, room - len(running)):
                 running[submit(function, task)] = task
