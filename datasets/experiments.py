@@ -18,8 +18,8 @@ from pilotid.datasets.forcing import Multisine, Steps
 from pilotid.datasets.remnant import Remnant, TabulatedRemnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import closed_loop, remnant_shaping, simulate, white_level
+from pilotid.likelihood.prediction import predict
 from pilotid.support.types import ComplexArray, FloatArray, InputError
-from pilotid.time_domain.prediction import predict
 
 RECORDINGS, SEED = 24, 20160501
 BAND = 120.0  # rad/s, beyond which no pilot answers

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.pilot.catalogue import MODELS
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import load_recording
-from pilotid.recordings.recording import Recording
+from pilotid.model.catalogue import MODELS
+from pilotid.model.model import PilotModel
+from pilotid.recording.files import load_recording
+from pilotid.recording.recording import Recording
 from pilotid.support.types import FloatArray, InputError
 
 FOLDER = Path(__file__).parent / "tasks"

@@ -14,14 +14,14 @@ from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import Remnant, TabulatedRemnant
 from pilotid.datasets.scenarios import DEGREES, SCENARIOS, Scenario, checked
 from pilotid.datasets.simulation import remnant_ratio
-from pilotid.estimates.fitted import Fitted
+from pilotid.estimate.fitted import Fitted
+from pilotid.model.catalogue import MODELS, model_named
+from pilotid.model.element import ControlledElement
+from pilotid.model.loops import margins
+from pilotid.model.model import PilotModel
 from pilotid.naming.code import is_place, taken
 from pilotid.naming.settings import from_catalogue, name_of, plain, require_name
-from pilotid.pilot.catalogue import MODELS, model_named
-from pilotid.pilot.element import ControlledElement
-from pilotid.pilot.loops import margins
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.spectra import known_lines
+from pilotid.recording.spectra import known_lines
 from pilotid.support.disk import require_file
 from pilotid.support.types import InputError
 

@@ -27,7 +27,7 @@ def _table(name: str) -> list[dict[str, str]]:
 #: ``faults``, to know before believing an estimate; ``licence``, ``source``, and ``address`` of the
 #: folder with the files, empty where none is known that gives a single file; ``files`` behind the
 #: folder, with the ``pattern`` of their names, a ``model`` that suits, and ``map`` and ``dt`` as
-#: `pilotid.recordings.files.Reading` takes them.
+#: `pilotid.recording.files.Reading` takes them.
 PEOPLE = {row["name"]: row for row in _table("people.csv")}
 
 

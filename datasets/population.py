@@ -35,8 +35,8 @@ from pilotid.datasets.recorder import Recorder, drawn_faulty_recorder, drawn_rec
 from pilotid.datasets.remnant import Place, Remnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import white_level
-from pilotid.pilot.catalogue import MODELS as CATALOGUE
-from pilotid.pilot.element import (
+from pilotid.model.catalogue import MODELS as CATALOGUE
+from pilotid.model.element import (
     ControlledElement,
     double_integrator,
     integrator_with_lag,
@@ -44,9 +44,9 @@ from pilotid.pilot.element import (
     second_order,
     single_integrator,
 )
-from pilotid.pilot.factors import Factor, InnerLoop
-from pilotid.pilot.loops import is_stable, margins, open_loops
-from pilotid.pilot.model import PilotModel
+from pilotid.model.factors import Factor, InnerLoop
+from pilotid.model.loops import is_stable, margins, open_loops
+from pilotid.model.model import PilotModel
 from pilotid.support.types import FloatArray, InputError
 
 T = TypeVar("T")

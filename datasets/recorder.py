@@ -17,9 +17,9 @@ import numpy as np
 
 from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.remnant import TabulatedRemnant
-from pilotid.estimates.parts import RemnantEstimate
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import floors_of, known_lines
+from pilotid.estimate.parts import RemnantEstimate
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import floors_of, known_lines
 from pilotid.support.types import FloatArray, InputError, IntArray
 
 #: A loop is simulated so many times as fast as it is recorded, so that the filter is that of

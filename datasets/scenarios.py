@@ -23,14 +23,14 @@ from pilotid.datasets.forcing import (
 from pilotid.datasets.recorder import Recorder, recorded_forcing, recorded_noise, recorded_remnant
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.violations import ElementChange, Kind, Violation
-from pilotid.element.fit import closing_element
-from pilotid.estimates.estimate import Estimate
+from pilotid.element_fit import closing_element
+from pilotid.estimate.estimate import Estimate
+from pilotid.model.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
+from pilotid.model.element import ControlledElement, double_integrator
+from pilotid.model.loops import is_stable, pilot_on
+from pilotid.model.model import PilotModel
 from pilotid.naming.settings import name_of
-from pilotid.pilot.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
-from pilotid.pilot.element import ControlledElement, double_integrator
-from pilotid.pilot.loops import is_stable, pilot_on
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.support.types import FloatArray, InputError
 
 #: The pilots of AIAA 2008-7109 with motion (Kvis, tlead, tdvis, Kvest, tdvest, fnm, dnm) and

@@ -20,9 +20,9 @@ from pilotid.datasets.recorder import FASTER
 from pilotid.datasets.remnant import UNIT_LEVEL, TabulatedRemnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.stepping import stepped
-from pilotid.pilot.factors import Neuromuscular
-from pilotid.pilot.loops import is_stable, margins, pilot_on, pilot_on_each
-from pilotid.recordings.recording import Recording
+from pilotid.model.factors import Neuromuscular
+from pilotid.model.loops import is_stable, margins, pilot_on, pilot_on_each
+from pilotid.recording.recording import Recording
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from pilotid.datasets.forcing import Forcing
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.violations import SteppedElement
-from pilotid.pilot.model import Channel
-from pilotid.pilot.timevarying import Changing
+from pilotid.model.model import Channel
+from pilotid.model.timevarying import Changing
 from pilotid.support.types import FloatArray, InputError, IntArray
 
 STEP = 0.005  # seconds, at most

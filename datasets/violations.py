@@ -13,7 +13,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from pilotid.pilot.element import ControlledElement
+from pilotid.model.element import ControlledElement
 from pilotid.support.types import FloatArray
 
 Kind = Literal["threshold", "change", "quantised", "saturated", "drift", "lost"]
@@ -114,7 +114,7 @@ class ElementChange:
 
     Of N/D and N2/D2, both with a constant numerator, a leading coefficient 1 and the same order,
     it is the differential equation whose coefficients go along the sigmoid of
-    `pilotid.pilot.timevarying.Changing`.
+    `pilotid.model.timevarying.Changing`.
 
     Attributes
     ----------

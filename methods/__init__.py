@@ -11,7 +11,7 @@ import warnings
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
-from pilotid.estimates.method import Method, method_fault
+from pilotid.estimate.method import Method, method_fault
 from pilotid.methods.arx import ARX
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.fourier import Fourier

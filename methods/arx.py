@@ -50,11 +50,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimates.applicability import dependent_signals, looking_ahead, varying
-from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.parts import FrequencyResponse
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.estimate.applicability import dependent_signals, looking_ahead, varying
+from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.estimate.parts import FrequencyResponse
+from pilotid.likelihood.prediction import Prediction, predict
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.second_step import ResponseFit, against_recording, output_at_once, second_step
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import search
@@ -62,7 +63,6 @@ from pilotid.spectral.regression import Criterion, Regression, Structure, channe
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.prediction import Prediction, predict
 
 LEAST_ROWS = 5.0  # rows of the regression for each of its coefficients
 

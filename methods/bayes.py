@@ -33,18 +33,18 @@ from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from pilotid.estimates.applicability import one_signal
-from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.warnings import is_vague
-from pilotid.pilot.model import PilotModel
+from pilotid.estimate.applicability import one_signal
+from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.estimate.warnings import is_vague
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.output_error import make_estimate, too_short
+from pilotid.likelihood.remnant_models import LowPass
+from pilotid.likelihood.search import maximise_likelihood
+from pilotid.likelihood.settings import LikelihoodSettings
+from pilotid.model.model import PilotModel
 from pilotid.posterior.likelihood import Marginal, Posterior, Prior, priors_of
 from pilotid.posterior.sampling import sample
-from pilotid.recordings.recording import Recording
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.output_error import make_estimate, too_short
-from pilotid.time_domain.remnant_models import LowPass
-from pilotid.time_domain.search import maximise_likelihood
-from pilotid.time_domain.settings import LikelihoodSettings
+from pilotid.recording.recording import Recording
 
 #: Measured on the scenario disturbance-only: samplers that start from different summits end with
 #: posteriors that do not agree, each with draws enough.
@@ -68,7 +68,7 @@ class Bayes(LikelihoodSettings):
     Attributes
     ----------
     search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.time_domain.settings.LikelihoodSettings`.
+        See `pilotid.likelihood.settings.LikelihoodSettings`.
     likelihood
         ``remnant`` whitens by the remnant's spectrum, ``white`` takes the residual for white.
     prior

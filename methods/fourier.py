@@ -41,12 +41,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.element.fit import closing_element
-from pilotid.estimates.applicability import lines_objection, motionless_input
-from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.parts import AnalysedBand, FrequencyResponse
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.element_fit import closing_element
+from pilotid.estimate.applicability import lines_objection, motionless_input
+from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.parts import AnalysedBand, FrequencyResponse
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.second_step import second_step
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import search

@@ -25,15 +25,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.likelihood.diagnostics import fit_remarks, tested_specification
+from pilotid.likelihood.output_error import make_estimate
+from pilotid.likelihood.profile import profile_likelihood, with_profile
+from pilotid.likelihood.search import maxima_from, maximise_likelihood
+from pilotid.likelihood.settings import LikelihoodSettings
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.diagnostics import fit_remarks, tested_specification
-from pilotid.time_domain.output_error import make_estimate
-from pilotid.time_domain.profile import profile_likelihood, with_profile
-from pilotid.time_domain.search import maxima_from, maximise_likelihood
-from pilotid.time_domain.settings import LikelihoodSettings
 
 #: Why an optimum is none of a pilot.
 NO_PILOT = "no optimum is a pilot in a stable loop, or explains the control where none is known"
@@ -46,7 +46,7 @@ class MLE(LikelihoodSettings):
     Attributes
     ----------
     search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.time_domain.settings.LikelihoodSettings`.
+        See `pilotid.likelihood.settings.LikelihoodSettings`.
     """
 
     name: ClassVar[str] = "mle"

@@ -30,13 +30,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimates.estimate import Estimate
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.estimate.estimate import Estimate
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.output_error import WhiteLikelihood
+from pilotid.likelihood.prediction import predict
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.solve.search import evolve
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.output_error import WhiteLikelihood
-from pilotid.time_domain.prediction import predict
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class MLEGenetic(WhiteLikelihood):
     Attributes
     ----------
     band, covariance
-        See `pilotid.time_domain.output_error.WhiteLikelihood`.
+        See `pilotid.likelihood.output_error.WhiteLikelihood`.
     search_band
         Narrow and cheap band in which the optimum is searched [rad/s].
     population

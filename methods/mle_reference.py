@@ -29,20 +29,20 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.element.fit import closing_element
-from pilotid.estimates.applicability import varying
-from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.pilot.loops import is_stable
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.element_fit import closing_element
+from pilotid.estimate.applicability import varying
+from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.likelihood.instruments import Moments, forcing_functions, references
+from pilotid.likelihood.output_error import make_estimate
+from pilotid.likelihood.search import maximise_likelihood
+from pilotid.likelihood.settings import LikelihoodSettings
+from pilotid.model.loops import is_stable
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import minimise
 from pilotid.support.numbers import CHI_SQUARED_95
-from pilotid.time_domain.instruments import Moments, forcing_functions, references
-from pilotid.time_domain.output_error import make_estimate
-from pilotid.time_domain.search import maximise_likelihood
-from pilotid.time_domain.settings import LikelihoodSettings
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class MLEReference(LikelihoodSettings):
     Attributes
     ----------
     search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.time_domain.settings.LikelihoodSettings`: of the fit by ``mle`` that gives the
+        See `pilotid.likelihood.settings.LikelihoodSettings`: of the fit by ``mle`` that gives the
         remnant's spectrum and the instruments.
     """
 

@@ -20,14 +20,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimates.estimate import Estimate
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.estimate.estimate import Estimate
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.output_error import WhiteLikelihood, record
+from pilotid.likelihood.prediction import predict
+from pilotid.likelihood.settings import StartSettings
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.solve.search import search
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.output_error import WhiteLikelihood, record
-from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.settings import StartSettings
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,10 @@ class MLEWhite(WhiteLikelihood, StartSettings):
     Attributes
     ----------
     search_band, candidates, refined
-        See `pilotid.time_domain.settings.StartSettings`; what the search finds is only
+        See `pilotid.likelihood.settings.StartSettings`; what the search finds is only
         polished in the analysis band.
     band, covariance
-        See `pilotid.time_domain.output_error.WhiteLikelihood`.
+        See `pilotid.likelihood.output_error.WhiteLikelihood`.
     """
 
     name: ClassVar[str] = "mle-white"

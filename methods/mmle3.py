@@ -25,17 +25,17 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from pilotid.estimates.applicability import looking_ahead, varying
-from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.estimate.applicability import looking_ahead, varying
+from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.output_error import make_estimate, too_short
+from pilotid.likelihood.prediction import predict
+from pilotid.likelihood.prepare import prepare
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.support.remarks import Remark
 from pilotid.support.types import ComplexArray, FloatArray
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.output_error import make_estimate, too_short
-from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.prepare import prepare
 
 Hold = Literal["zoh", "foh"]
 FINITE_DIFFERENCE = 1e-5  # relative step of the central differences

@@ -39,11 +39,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimates.applicability import dependent_signals, looking_ahead, varying
-from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.parts import FrequencyResponse
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.estimate.applicability import dependent_signals, looking_ahead, varying
+from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.estimate.parts import FrequencyResponse
+from pilotid.likelihood.prediction import predict
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.second_step import against_recording, output_at_once, second_step
 from pilotid.spectral.regression import (
     BlackBox,
@@ -54,7 +55,6 @@ from pilotid.spectral.regression import (
     triangle_of,
 )
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.prediction import predict
 
 LEAST_ROWS = 2.0  # rows of the regression for each of its columns
 LEAST_BLOCKS = 10  # blocks of time to resample from

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
-from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import Method, identify
-from pilotid.pilot.catalogue import (
+from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.method import Method, identify
+from pilotid.likelihood.prediction import Prediction, predict
+from pilotid.model.catalogue import (
     GAIN_ONLY,
     LEAD2_LAG,
     LEAD_LAG,
@@ -22,18 +23,17 @@ from pilotid.pilot.catalogue import (
     PURSUIT,
     RATE,
 )
-from pilotid.pilot.element import (
+from pilotid.model.element import (
     double_integrator,
     element_named,
     integrator_with_lag,
     single_integrator,
 )
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import Minima
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.prediction import Prediction, predict
 
 NOMINAL = SCENARIOS["nominal"]
 SINGLE_LOOP = SCENARIOS["single"]

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 
 
 def leave() -> None:

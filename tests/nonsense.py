@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from pilotid.checks.checks import remarks
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.estimates.method import identify
+from pilotid.estimate.method import identify
 from pilotid.methods import method_named
-from pilotid.recordings.checks import remarks
-from pilotid.recordings.recording import Recording
+from pilotid.recording.recording import Recording
 from pilotid.support.remarks import codes_of
 
 SOUND = {

@@ -9,22 +9,22 @@ import pytest
 from helpers import NOMINAL
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.methods.mle import MLE
-from pilotid.pilot.catalogue import MODELS
-from pilotid.pilot.model import PilotModel
-from pilotid.solve.least_squares import minimise
-from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.optimum import Optimum
-from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.remnant_models import (
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.optimum import Optimum
+from pilotid.likelihood.prediction import Prediction, predict
+from pilotid.likelihood.remnant_models import (
     Autoregressive,
     BandPass,
     LowPass,
     NoiseModel,
     guess_parameters,
 )
-from pilotid.time_domain.settings import COMPARED_TOLERANCE, REPORTED_TOLERANCE
+from pilotid.likelihood.settings import COMPARED_TOLERANCE, REPORTED_TOLERANCE
+from pilotid.methods.mle import MLE
+from pilotid.model.catalogue import MODELS
+from pilotid.model.model import PilotModel
+from pilotid.solve.least_squares import minimise
+from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

@@ -20,8 +20,8 @@ import pilotid
 from pilotid.datasets import simulate
 from pilotid.experiment.files import Pattern, parts_of
 from pilotid.experiment.results import MODEL_COLUMNS
-from pilotid.pilot.loops import margins
-from pilotid.recordings.files import save_recording
+from pilotid.model.loops import margins
+from pilotid.recording.files import save_recording
 from pilotid.support.numbers import recording_rng
 from pilotid.support.types import InputError
 

@@ -22,10 +22,10 @@ from helpers import (
 )
 
 from pilotid.datasets import scenario_named
-from pilotid.estimates.estimate import Outcome
-from pilotid.estimates.method import identify
+from pilotid.estimate.estimate import Outcome
+from pilotid.estimate.method import identify
 from pilotid.methods.arx import ARX
-from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
+from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.study import scores
 
 pytestmark = pytest.mark.numerical

@@ -13,36 +13,36 @@ from pilotid.datasets import scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.population import POPULATIONS
 from pilotid.datasets.scenarios import Scenario
-from pilotid.estimates.method import identify
-from pilotid.methods import MLE
-from pilotid.pilot.catalogue import MODELS
-from pilotid.pilot.element import double_integrator, element_named
-from pilotid.pilot.loops import pilot_on
-from pilotid.posterior.likelihood import Marginal
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import floors_of
-from pilotid.solve.covariance import covariance_of
-from pilotid.solve.least_squares import minimise
-from pilotid.support.numbers import recording_rng
-from pilotid.support.remarks import codes_of
-from pilotid.support.types import FloatArray
-from pilotid.time_domain import band_likelihood
-from pilotid.time_domain.band_likelihood import (
+from pilotid.estimate.method import identify
+from pilotid.likelihood import band_likelihood
+from pilotid.likelihood.band_likelihood import (
     OUTSIDE_WEIGHT,
     Weighting,
     closing_element,
     weighting_of,
 )
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.remnant_models import (
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.prediction import Prediction, predict
+from pilotid.likelihood.remnant_models import (
     Autoregressive,
     BandPass,
     LowPass,
     NoiseModel,
     guess_parameters,
 )
-from pilotid.time_domain.search import maxima_from
+from pilotid.likelihood.search import maxima_from
+from pilotid.methods import MLE
+from pilotid.model.catalogue import MODELS
+from pilotid.model.element import double_integrator, element_named
+from pilotid.model.loops import pilot_on
+from pilotid.posterior.likelihood import Marginal
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import floors_of
+from pilotid.solve.covariance import covariance_of
+from pilotid.solve.least_squares import minimise
+from pilotid.support.numbers import recording_rng
+from pilotid.support.remarks import codes_of
+from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

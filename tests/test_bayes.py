@@ -10,13 +10,17 @@ from helpers import fit_of
 from scipy import stats
 
 from pilotid.datasets import SCENARIOS, fixed_tasks, load_task, reference_posterior, simulate
-from pilotid.estimates.draws import Draws
-from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import identify
+from pilotid.estimate.draws import Draws
+from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.method import identify
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.prediction import predict
+from pilotid.likelihood.prepare import analysis_band, prediction_error_filters
+from pilotid.likelihood.remnant_models import Autoregressive, LowPass, NoiseModel
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
+from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.posterior.likelihood import (
     HalfCauchy,
     LogNormal,
@@ -28,10 +32,6 @@ from pilotid.posterior.likelihood import (
 )
 from pilotid.support.numbers import recording_rng
 from pilotid.support.types import FloatArray, InputError
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.prepare import analysis_band, prediction_error_filters
-from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
 
 pytestmark = pytest.mark.numerical
 

@@ -14,7 +14,7 @@ from helpers import PILOTS, SINGLE_LOOP, fit_of
 from pilotid import MODELS, identify
 from pilotid.datasets import Scenario
 from pilotid.methods import method_named
-from pilotid.pilot.loops import are_stable, pilot_on
+from pilotid.model.loops import are_stable, pilot_on
 from pilotid.support.remarks import codes_of
 
 pytestmark = pytest.mark.numerical

@@ -13,20 +13,20 @@ from pilotid.bounds import bounds
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.simulation import remnant_shaping
-from pilotid.estimates.applicability import dependent_signals, motionless_input, shared_signals
-from pilotid.estimates.method import Method, identify
+from pilotid.estimate.applicability import dependent_signals, motionless_input, shared_signals
+from pilotid.estimate.method import Method, identify
+from pilotid.likelihood.prediction import predict
 from pilotid.methods import METHODS, method_named
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
-from pilotid.pilot.catalogue import LEAD2_LAG, MODELS, PURSUIT, RATE, SINGLE, fault_of, model_named
-from pilotid.pilot.factors import Delay, Gain, Lead, Neuromuscular
-from pilotid.pilot.loops import loop_slopes, margins, open_loops, pilot_on, pilot_on_each
-from pilotid.pilot.model import Channel, PilotModel
-from pilotid.recordings.files import save_recording
-from pilotid.recordings.recording import Recording
+from pilotid.model.catalogue import LEAD2_LAG, MODELS, PURSUIT, RATE, SINGLE, fault_of, model_named
+from pilotid.model.factors import Delay, Gain, Lead, Neuromuscular
+from pilotid.model.loops import loop_slopes, margins, open_loops, pilot_on, pilot_on_each
+from pilotid.model.model import Channel, PilotModel
+from pilotid.recording.files import save_recording
+from pilotid.recording.recording import Recording
 from pilotid.support.types import InputError
 from pilotid.testing import check_estimate
-from pilotid.time_domain.prediction import predict
 
 pytestmark = pytest.mark.numerical
 
@@ -248,7 +248,7 @@ LAGGED = """
 from dataclasses import dataclass, replace
 import numpy as np
 from pilotid import Channel, PilotModel, MODELS
-from pilotid.pilot.factors import Delay, Gain, Lag, Neuromuscular, Parameter
+from pilotid.model.factors import Delay, Gain, Lag, Neuromuscular, Parameter
 
 PARTS = (Gain("Kvis"), Lag("tlag"), Delay("tdvis"), Neuromuscular())
 LAGGED = PilotModel("lagged", (Channel("visual", "error", 1, PARTS),))
@@ -281,7 +281,7 @@ def test_a_model_in_a_file_of_one_s_own(own: Path) -> None:
     model = model_named(f"{own}:LAGGED")
     assert (model.name, model.keys) == ("lagged", ("Kvis", "tlag", "tdvis", "fnm", "dnm"))
     assert model_named(f"{own}:LAGGED(name=mine)").name == "mine"
-    assert model_named("pilotid.pilot.catalogue:RATE") is RATE
+    assert model_named("pilotid.model.catalogue:RATE") is RATE
 
 
 def test_the_command_line_fits_a_model_of_one_s_own(own: Path, run: Run) -> None:

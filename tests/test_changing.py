@@ -8,33 +8,33 @@ import numpy as np
 import pytest
 from helpers import recording_of, without_remnant
 
+from pilotid.choice import default_candidates
 from pilotid.datasets import SCENARIOS, Scenario, experiments, simulate
 from pilotid.datasets.experiments import bound_of
 from pilotid.datasets.named import scenario_named
 from pilotid.datasets.simulation import linear_rms, remnant_ratio
 from pilotid.datasets.stepping import stepped
-from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import identify
-from pilotid.estimates.warnings import remarks_on
+from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.method import identify
+from pilotid.estimate.warnings import remarks_on
+from pilotid.likelihood.prediction import predict
+from pilotid.likelihood.profile import over_changes
+from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods import methods
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.model_choice import default_candidates
-from pilotid.pilot.catalogue import ADAPTING, SINGLE, fault_of
-from pilotid.pilot.factors import Delay, Differentiator, Gain, Lead, Neuromuscular
-from pilotid.pilot.model import (
+from pilotid.model.catalogue import ADAPTING, SINGLE, fault_of
+from pilotid.model.factors import Delay, Differentiator, Gain, Lead, Neuromuscular
+from pilotid.model.model import (
     Channel,
     PilotModel,
 )
-from pilotid.pilot.timevarying import Changing
+from pilotid.model.timevarying import Changing
 from pilotid.solve.least_squares import Box, minimise
 from pilotid.study.run import truths_of
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.profile import over_changes
-from pilotid.time_domain.search import maximise_likelihood
 
 pytestmark = pytest.mark.numerical
 
@@ -345,5 +345,5 @@ def test_a_search_that_does_not_look_at_other_times_ends_in_a_worse_optimum(
         return maximise_likelihood(recording, ADAPTING, rng, MLE()).criterion
 
     found = criterion()
-    monkeypatch.setattr("pilotid.time_domain.search._elsewhere", lambda optimum: optimum)
+    monkeypatch.setattr("pilotid.likelihood.search._elsewhere", lambda optimum: optimum)
     assert criterion() > found + 2.0

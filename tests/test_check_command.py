@@ -11,12 +11,12 @@ import pytest
 from helpers import Run, strict
 
 import pilotid
+from pilotid.checks.checks import remarks
+from pilotid.checks.understood import understood
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.methods import methods
-from pilotid.recordings.checks import remarks
-from pilotid.recordings.files import detrended, load_recording, save_recording
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.understood import understood
+from pilotid.recording.files import detrended, load_recording, save_recording
+from pilotid.recording.recording import Recording
 from pilotid.support.disk import strict_json
 from pilotid.support.remarks import codes_of
 

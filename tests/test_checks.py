@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from nonsense import LATE, PLANTED, SOUND, delayed, named, named_by_a_fit, stepped
 
+from pilotid.checks.checks import remarks
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.element.fit import SIGNALS, chosen_element
-from pilotid.recordings.checks import remarks
-from pilotid.recordings.files import load_recording
-from pilotid.recordings.recording import Recording, remembered
-from pilotid.recordings.spectra import Answer
-from pilotid.recordings.windows import of_runs
+from pilotid.element_fit import SIGNALS, chosen_element
+from pilotid.recording.files import load_recording
+from pilotid.recording.recording import Recording, remembered
+from pilotid.recording.spectra import Answer
+from pilotid.recording.windows import of_runs
 from pilotid.support.limits import SIGNAL
 
 pytestmark = pytest.mark.numerical

@@ -18,8 +18,8 @@ import pilotid
 from pilotid.cli.main import main
 from pilotid.datasets import CATALOGUE
 from pilotid.methods import methods
-from pilotid.pilot.catalogue import MODELS
-from pilotid.recordings.files import load_recording, save_recording
+from pilotid.model.catalogue import MODELS
+from pilotid.recording.files import load_recording, save_recording
 from pilotid.support.remarks import CODES
 
 # The columns that others script against.

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, SINGLE_LOOP, fit_of, recording_of
 
-from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.likelihood.prediction import predict
 from pilotid.methods.arx import ARX
 from pilotid.methods.sindy import SINDy
-from pilotid.pilot.catalogue import SINGLE
-from pilotid.pilot.element import position_control
+from pilotid.model.catalogue import SINGLE
+from pilotid.model.element import position_control
 from pilotid.second_step import (
     FARTHEST,
     against_recording,
@@ -21,7 +22,6 @@ from pilotid.second_step import (
     whitener,
 )
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.prediction import predict
 
 pytestmark = pytest.mark.numerical
 

@@ -9,10 +9,10 @@ import pytest
 from helpers import NOMINAL, SINGLE_LOOP, recording_of
 
 from pilotid.datasets import SCENARIOS, Scenario
-from pilotid.pilot.catalogue import ADAPTING, MULTI, SINGLE
+from pilotid.likelihood.constancy import change_scores, changes, constancy_of, may_vary
+from pilotid.model.catalogue import ADAPTING, MULTI, SINGLE
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.constancy import change_scores, changes, constancy_of, may_vary
 
 pytestmark = pytest.mark.numerical
 

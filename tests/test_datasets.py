@@ -26,10 +26,10 @@ from pilotid.datasets.population import POPULATIONS
 from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import UNIT_LEVEL, Remnant, white
 from pilotid.datasets.simulation import remnant_ratio, white_level
-from pilotid.element.fit import identified_element
-from pilotid.pilot.element import double_integrator, position_control, single_integrator
-from pilotid.pilot.loops import pilot_on
-from pilotid.recordings.recording import Recording
+from pilotid.element_fit import identified_element
+from pilotid.model.element import double_integrator, position_control, single_integrator
+from pilotid.model.loops import pilot_on
+from pilotid.recording.recording import Recording
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 pytestmark = pytest.mark.numerical

@@ -17,10 +17,7 @@ from scipy.optimize import LinearConstraint, minimize
 import pilotid
 from pilotid.bounds import bounds
 from pilotid.datasets import scenario_named
-from pilotid.datasets.experiments import experiment_of
-from pilotid.datasets.forcing import Multisine, paper_target
-from pilotid.datasets.named import fitted_scenario
-from pilotid.designing.design import (
+from pilotid.datasets.design import (
     FLOOR,
     LINE,
     Design,
@@ -31,13 +28,16 @@ from pilotid.designing.design import (
     scenario_of_fit,
     sines_of,
 )
-from pilotid.element.fit import chosen_element
-from pilotid.estimates.fitted import fit_all
+from pilotid.datasets.experiments import experiment_of
+from pilotid.datasets.forcing import Multisine, paper_target
+from pilotid.datasets.named import fitted_scenario
+from pilotid.element_fit import chosen_element
+from pilotid.estimate.fitted import fit_all
+from pilotid.likelihood.settings import BARTLETT_SECONDS
 from pilotid.methods import method_named
-from pilotid.pilot.catalogue import MULTI
-from pilotid.pilot.element import element_named
+from pilotid.model.catalogue import MULTI
+from pilotid.model.element import element_named
 from pilotid.support.types import FloatArray, InputError
-from pilotid.time_domain.settings import BARTLETT_SECONDS
 
 pytestmark = pytest.mark.numerical
 
@@ -207,8 +207,8 @@ def test_the_command_writes_what_others_read(tmp_path: Path, run: Run) -> None:
 OWN = """
 from dataclasses import replace
 from pilotid.datasets import scenario_named
-from pilotid.pilot.factors import Delay, Gain, Lead
-from pilotid.pilot.model import Channel, PilotModel
+from pilotid.model.factors import Delay, Gain, Lead
+from pilotid.model.model import Channel, PilotModel
 
 FACTORS = Gain("Kvis", 0.3), Lead("tlead"), Delay("tdvis")
 MINE = PilotModel("mine", (Channel("visual", "error", 1, FACTORS),))

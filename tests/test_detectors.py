@@ -11,18 +11,18 @@ import pytest
 from checks.recorder import FAULTS
 from helpers import without_remnant
 
-from pilotid.datasets import SCENARIOS, scenario_named, simulate
-from pilotid.estimates.method import identify
-from pilotid.methods import method_named
-from pilotid.recordings.checks import remarks
-from pilotid.recordings.detectors import (
+from pilotid.checks.checks import remarks
+from pilotid.checks.detectors import (
     Finding,
     band_end,
     copies_among,
     findings,
     fingerprints,
 )
-from pilotid.recordings.recording import Recording
+from pilotid.datasets import SCENARIOS, scenario_named, simulate
+from pilotid.estimate.method import identify
+from pilotid.methods import method_named
+from pilotid.recording.recording import Recording
 from pilotid.support.numbers import start_rng
 
 pytestmark = pytest.mark.numerical

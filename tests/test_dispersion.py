@@ -9,7 +9,7 @@ import pytest
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.datasets.violations import Violation
-from pilotid.estimates.method import identify
+from pilotid.estimate.method import identify
 from pilotid.methods import method_named
 from pilotid.solve.covariance import score_dispersion
 from pilotid.support.numbers import chi_squared_limit

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, SINGLE_LOOP, recording_of
 
+from pilotid.checks.element_forms import FORMS, HIGHEST, Form, fitted_form, spectra_of
 from pilotid.datasets import POPULATIONS, simulate
-from pilotid.element.fit import OMEGA, chosen_element, differs, identified_element, rounded
-from pilotid.pilot.element import ControlledElement, double_integrator, element_named
-from pilotid.recordings.element_forms import FORMS, HIGHEST, Form, fitted_form, spectra_of
-from pilotid.recordings.files import load_recording
-from pilotid.recordings.recording import Recording
+from pilotid.element_fit import OMEGA, chosen_element, differs, identified_element, rounded
+from pilotid.model.element import ControlledElement, double_integrator, element_named
+from pilotid.recording.files import load_recording
+from pilotid.recording.recording import Recording
 from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical

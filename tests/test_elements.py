@@ -7,7 +7,7 @@ import pytest
 
 from pilotid.datasets import CATALOGUE, Scenario
 from pilotid.datasets.population import drawn_element
-from pilotid.pilot.element import (
+from pilotid.model.element import (
     ControlledElement,
     double_integrator,
     element_named,

@@ -10,26 +10,26 @@ import pytest
 from helpers import NOMINAL, SINGLE_LOOP, Run, fit_of, monte_carlo, recording_of, strict
 
 from pilotid.datasets import Scenario
-from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
-from pilotid.estimates.loops import (
+from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.estimate.loops import (
     loops_of,
     margin_slopes,
     sampled_loops,
 )
+from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
-from pilotid.pilot.catalogue import MODELS, SINGLE
-from pilotid.pilot.element import (
+from pilotid.model.catalogue import MODELS, SINGLE
+from pilotid.model.element import (
     ControlledElement,
     double_integrator,
     position_control,
     single_integrator,
 )
-from pilotid.pilot.loops import margin, margins, open_loops
-from pilotid.recordings.files import save_recording
-from pilotid.show.responses import open_loop
+from pilotid.model.loops import margin, margins, open_loops
+from pilotid.plots.responses import open_loop
+from pilotid.recording.files import save_recording
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.remnant_models import LowPass
 
 pytestmark = pytest.mark.numerical
 

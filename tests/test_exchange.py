@@ -17,7 +17,7 @@ from helpers import Run
 from test_docs import FENCE
 
 from pilotid.datasets import scenario_named
-from pilotid.recordings.files import load_recording
+from pilotid.recording.files import load_recording
 from pilotid.study.exchange import export
 from pilotid.study.run import recording_of
 from pilotid.study.table import read_study

@@ -10,18 +10,18 @@ import pytest
 from helpers import NOMINAL, PILOTS, without_remnant
 
 from pilotid.bounds import bounds
+from pilotid.checks.checks import remarks
 from pilotid.datasets import Scenario, simulate
 from pilotid.datasets.experiments import experiment_of
-from pilotid.estimates.estimate import Outcome
-from pilotid.estimates.method import Method, identify
+from pilotid.estimate.estimate import Outcome
+from pilotid.estimate.method import Method, identify
 from pilotid.methods.arx import ARX
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
-from pilotid.pilot.catalogue import MULTI
-from pilotid.pilot.element import single_integrator
-from pilotid.recordings.checks import remarks
-from pilotid.recordings.recording import Recording, joined
-from pilotid.recordings.spectra import forcing_lines, same_lines
+from pilotid.model.catalogue import MULTI
+from pilotid.model.element import single_integrator
+from pilotid.recording.recording import Recording, joined
+from pilotid.recording.spectra import forcing_lines, same_lines
 
 pytestmark = pytest.mark.numerical
 

@@ -18,7 +18,8 @@ from statsmodels.stats.anova import AnovaRM
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.power import TTestPower
 
-from pilotid.estimates.quantities import SYMBOLS, symbol
+from pilotid.choice import Choice
+from pilotid.estimate.quantities import SYMBOLS, symbol
 from pilotid.experiment.experiment import pairs_of
 from pilotid.experiment.figures import estimates_figure, responses_figure, variances_figure
 from pilotid.experiment.files import Part, with_factors
@@ -26,8 +27,7 @@ from pilotid.experiment.fits import Fit, Fits, Settings, group_of
 from pilotid.experiment.report import means_tables, notable, tables_tex
 from pilotid.experiment.results import Results, planned, results_of
 from pilotid.experiment.statistics import anova, holm, paired, subjects_needed
-from pilotid.model_choice import Choice
-from pilotid.pilot.catalogue import MODELS
+from pilotid.model.catalogue import MODELS
 from pilotid.support.types import InputError
 
 A = (1.1, 1.4, 0.9, 2.0, 1.3)

@@ -16,25 +16,16 @@ from helpers import (
 
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.remnant import Remnant
-from pilotid.estimates.estimate import Starts
-from pilotid.methods.mle import MLE
-from pilotid.pilot.element import position_control
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
-from pilotid.solve.intervals import profile_intervals
-from pilotid.solve.least_squares import minimise
-from pilotid.spectral.equations import fit_lines
-from pilotid.support.numbers import recording_rng
-from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.prepare import analysis_band
-from pilotid.time_domain.remnant_models import (
+from pilotid.estimate.estimate import Starts
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.prediction import Prediction, predict
+from pilotid.likelihood.prepare import analysis_band
+from pilotid.likelihood.remnant_models import (
     NOISE_MODELS,
     LowPass,
     criterion,
 )
-from pilotid.time_domain.search import (
+from pilotid.likelihood.search import (
     edge_information,
     first_fit,
     lines_pilot,
@@ -44,7 +35,16 @@ from pilotid.time_domain.search import (
     sweep,
     together,
 )
-from pilotid.time_domain.settings import BARTLETT_SECONDS, MAX_EDGE_INFORMATION
+from pilotid.likelihood.settings import BARTLETT_SECONDS, MAX_EDGE_INFORMATION
+from pilotid.methods.mle import MLE
+from pilotid.model.element import position_control
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
+from pilotid.solve.intervals import profile_intervals
+from pilotid.solve.least_squares import minimise
+from pilotid.spectral.equations import fit_lines
+from pilotid.support.numbers import recording_rng
+from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 
@@ -68,7 +68,7 @@ def test_without_groups_the_reduction_is_the_windowed_transform(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Oracle: one bin a group leaves the sums of squares of the windowed spectra."""
-    monkeypatch.setattr("pilotid.time_domain.prediction.MAX_BINNED_WIDTH", 0.0)
+    monkeypatch.setattr("pilotid.likelihood.prediction.MAX_BINNED_WIDTH", 0.0)
     prediction = prediction_of(replace(NOMINAL, runs=2))
     values = 1.1 * NOMINAL.values[None]
     scored = prediction.scored

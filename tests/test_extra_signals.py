@@ -10,13 +10,13 @@ import pytest
 from helpers import Run
 
 from pilotid import Channel, PilotModel, Recording, identify
+from pilotid.checks.checks import remarks
 from pilotid.datasets.forcing import PERIOD, paper_disturbance, paper_target
-from pilotid.estimates.applicability import refusal
-from pilotid.pilot.factors import Delay, Gain, Lead, Neuromuscular
-from pilotid.recordings.checks import remarks
-from pilotid.recordings.files import load_recording, save_recording
-from pilotid.recordings.recording import joined
-from pilotid.recordings.windows import of_runs
+from pilotid.estimate.applicability import refusal
+from pilotid.model.factors import Delay, Gain, Lead, Neuromuscular
+from pilotid.recording.files import load_recording, save_recording
+from pilotid.recording.recording import joined
+from pilotid.recording.windows import of_runs
 from pilotid.support.types import InputError
 
 Kind = Literal["state", "cue"]

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from pandas import DataFrame
 
-from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.report.study_tables import ranked
 from pilotid.study.judge import judge
 from pilotid.study.study import Study

@@ -12,17 +12,17 @@ from helpers import NOMINAL, PILOTS
 from matplotlib.figure import Figure
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
-from pilotid.estimates.fitted import Fitted, fit_all
+from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.estimate.fitted import Fitted, fit_all
 from pilotid.methods import method_named
-from pilotid.pilot.catalogue import MULTI, SINGLE
-from pilotid.pilot.element import double_integrator
-from pilotid.pilot.loops import margins, open_loops
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.model.catalogue import MULTI, SINGLE
+from pilotid.model.element import double_integrator
+from pilotid.model.loops import margins, open_loops
+from pilotid.model.model import PilotModel
+from pilotid.plots import plots
+from pilotid.recording.recording import Recording
 from pilotid.report.fit import figures_of
 from pilotid.report.page import save_figures
-from pilotid.show import plots
 from pilotid.support.types import InputError
 
 ELEMENT = double_integrator(4.0)

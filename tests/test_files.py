@@ -14,14 +14,14 @@ import pytest
 from matlab_files import USERBLOCK, save_v73
 from scipy.io import savemat
 
-from pilotid.recordings import arrays
-from pilotid.recordings.files import (
+from pilotid.recording import arrays
+from pilotid.recording.files import (
     Reading,
     load_recording,
     parse_mapping,
     save_recording,
 )
-from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.support.types import FloatArray, InputError
 
 HEADER = "t,e,u,x"

@@ -16,8 +16,8 @@ from helpers import Run
 
 import pilotid
 from pilotid.datasets import scenario_named, simulate
-from pilotid.pilot.model import Channel
-from pilotid.recordings.files import save_recording
+from pilotid.model.model import Channel
+from pilotid.recording.files import save_recording
 from pilotid.study.study import Study
 from pilotid.support.types import InputError
 

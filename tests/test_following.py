@@ -9,14 +9,14 @@ import pytest
 from helpers import NOMINAL, fit_of, minima_at, without_remnant
 
 from pilotid.datasets import simulate
-from pilotid.estimates.estimate import Outcome
+from pilotid.estimate.estimate import Outcome
+from pilotid.likelihood.optimum import Candidates
+from pilotid.likelihood.prediction import predict
+from pilotid.likelihood.prepare import analysis_band
+from pilotid.likelihood.search import maximise_likelihood
+from pilotid.likelihood.settings import MIN_VAF_RATIO
 from pilotid.methods.mle import MLE
 from pilotid.spectral.equations import fit_lines
-from pilotid.time_domain.optimum import Candidates
-from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.prepare import analysis_band
-from pilotid.time_domain.search import maximise_likelihood
-from pilotid.time_domain.settings import MIN_VAF_RATIO
 
 pytestmark = pytest.mark.numerical
 
@@ -72,7 +72,7 @@ def test_ends_that_do_not_follow_are_left_out_unless_none_does() -> None:
 
 def test_an_optimum_that_is_no_pilot_did_not_converge(monkeypatch: pytest.MonkeyPatch) -> None:
     assert fit_of(MLE(), NOMINAL).outcome is Outcome.CONVERGED
-    monkeypatch.setattr("pilotid.time_domain.optimum.MIN_VAF_RATIO", 2.0)
+    monkeypatch.setattr("pilotid.likelihood.optimum.MIN_VAF_RATIO", 2.0)
     assert fit_of(MLE(), NOMINAL).outcome is Outcome.CONTRADICTED
 
 

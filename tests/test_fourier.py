@@ -21,13 +21,13 @@ from scipy.optimize import approx_fprime
 
 from pilotid import load_recording
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimates.estimate import Outcome
-from pilotid.estimates.method import identify
+from pilotid.estimate.estimate import Outcome
+from pilotid.estimate.method import identify
 from pilotid.methods.fourier import Fourier
-from pilotid.pilot.catalogue import GAIN_ONLY, MULTI, RATE, SINGLE
-from pilotid.pilot.model import Channel, PilotModel
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import NotMultisineError, forcing_lines
+from pilotid.model.catalogue import GAIN_ONLY, MULTI, RATE, SINGLE
+from pilotid.model.model import Channel, PilotModel
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import NotMultisineError, forcing_lines
 from pilotid.spectral.coefficients import coefficients_of, interpolation
 from pilotid.spectral.equations import Equations
 

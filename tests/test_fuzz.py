@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from matlab_files import save_v73
 from scipy.io import savemat
 
-from pilotid.recordings.files import load_recording, save_recording
-from pilotid.recordings.recording import Recording
+from pilotid.recording.files import load_recording, save_recording
+from pilotid.recording.recording import Recording
 from pilotid.support.types import InputError
 
 SAMPLES = 120

@@ -10,10 +10,10 @@ import pytest
 from helpers import Run
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.estimates.estimate import Outcome
-from pilotid.estimates.method import identify
+from pilotid.estimate.estimate import Outcome
+from pilotid.estimate.method import identify
 from pilotid.methods import method_named, methods
-from pilotid.pilot.catalogue import MODELS, with_held
+from pilotid.model.catalogue import MODELS, with_held
 from pilotid.support.types import InputError
 
 OMEGA = np.array([0.5, 2.0, 7.0, 15.0])

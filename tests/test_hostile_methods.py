@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import identify
+from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.method import identify
 from pilotid.methods import method_named
-from pilotid.pilot.catalogue import SINGLE
+from pilotid.model.catalogue import SINGLE
 from pilotid.study.table import Store
 
 HERE = Path(__file__).parent

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.recordings.files import save_recording
+from pilotid.recording.files import save_recording
 
 ROOT = Path(__file__).parent.parent
 SOURCE = ROOT / "src" / "pilotid"
@@ -89,7 +89,7 @@ def test_the_map_shows_every_room() -> None:
 
 
 #: An estimate holds numbers only; what it is asked to predict is imported when it is asked.
-ASKED = {"pilotid.estimates.estimate": {"pilotid.time_domain.scoring"}}
+ASKED = {"pilotid.estimate.estimate": {"pilotid.likelihood.scoring"}}
 ARROWS = {
     name: own_modules(path) - {name} - ASKED.get(name, set()) for name, path in MODULES.items()
 }
@@ -129,7 +129,7 @@ def test_heavy_libraries_wait_until_they_are_used(statement: str) -> None:
 
 
 def test_checks_of_settings_and_notes_wait_until_there_are_any() -> None:
-    assert_light("import pilotid.cli.main, pilotid.recordings.files", ["pydantic"])
+    assert_light("import pilotid.cli.main, pilotid.recording.files", ["pydantic"])
 
 
 @pytest.mark.parametrize("command", ["check", "fit"])
@@ -171,7 +171,7 @@ def test_the_front_door_is_open_at_once() -> None:
     )
     assert done.stdout.splitlines() == [
         "['pilotid']",
-        "pilotid.methods pilotid.show.plots pilotid.methods.mle",
+        "pilotid.methods pilotid.plots.plots pilotid.methods.mle",
     ]
 
 

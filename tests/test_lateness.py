@@ -11,16 +11,16 @@ import pytest
 from checks.recorder import FAULTS, bare, noisy, rounded, with_zero
 
 import pilotid
+from pilotid.checks.checks import exchanged, remarks
+from pilotid.checks.detectors import findings
+from pilotid.checks.timing import shifted
 from pilotid.datasets import POPULATIONS, SCENARIOS, simulate
 from pilotid.datasets.remnant import Remnant
-from pilotid.element.fit import recording_remarks
-from pilotid.estimates.method import identify
+from pilotid.element_fit import recording_remarks
+from pilotid.estimate.method import identify
 from pilotid.methods import method_named
-from pilotid.recordings.checks import exchanged, remarks
-from pilotid.recordings.detectors import findings
-from pilotid.recordings.files import load_recording
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.timing import shifted
+from pilotid.recording.files import load_recording
+from pilotid.recording.recording import Recording
 from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -10,13 +10,13 @@ import pytest
 from pandas import DataFrame, concat
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.estimates.estimate import Outcome, failed
-from pilotid.estimates.method import identify
+from pilotid.estimate.estimate import Outcome, failed
+from pilotid.estimate.method import identify
 from pilotid.experiment.cross_validation import predict_left_out, ranked
 from pilotid.experiment.files import alone, without
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.windows import of_runs
+from pilotid.recording.recording import Recording
+from pilotid.recording.windows import of_runs
 from pilotid.support.numbers import fit_rng
 
 SINGLE = SCENARIOS["single"]

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, PILOTS, SINGLE_LOOP
 
-from pilotid.pilot.catalogue import GAIN_ONLY, MULTI, PURSUIT, SINGLE
-from pilotid.pilot.element import (
+from pilotid.model.catalogue import GAIN_ONLY, MULTI, PURSUIT, SINGLE
+from pilotid.model.element import (
     ControlledElement,
     double_integrator,
     integrator_with_lag,
     position_control,
     single_integrator,
 )
-from pilotid.pilot.loops import (
+from pilotid.model.loops import (
     is_stable,
     loop_slopes,
     margin,
@@ -26,7 +26,7 @@ from pilotid.pilot.loops import (
     pilot_on,
     why_no_crossing,
 )
-from pilotid.pilot.model import PilotModel
+from pilotid.model.model import PilotModel
 from pilotid.support.types import ComplexArray, FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -15,10 +15,10 @@ from helpers import Run, strict
 from scipy.io import loadmat
 
 from pilotid import MODELS, identify, load_recording
+from pilotid.checks.checks import remarks
+from pilotid.choice import by_likelihood
 from pilotid.methods.fourier import Fourier
-from pilotid.model_choice import by_likelihood
-from pilotid.pilot.catalogue import FOLLOWING, PURSUIT
-from pilotid.recordings.checks import remarks
+from pilotid.model.catalogue import FOLLOWING, PURSUIT
 
 pytestmark = pytest.mark.numerical
 

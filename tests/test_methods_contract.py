@@ -12,12 +12,12 @@ import pytest
 from helpers import NOMINAL, SINGLE_LOOP
 
 from pilotid.datasets import simulate
-from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import Method, identify
+from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.method import Method, identify
 from pilotid.methods import METHODS, methods
 from pilotid.methods.bayes import Bayes
-from pilotid.pilot.catalogue import MULTI, SINGLE
-from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.model.catalogue import MULTI, SINGLE
+from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.testing import (
     DIFFICULT,
     bare,

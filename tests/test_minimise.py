@@ -12,15 +12,15 @@ from helpers import NOMINAL, minima_at
 from scipy.optimize import OptimizeResult, least_squares
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.pilot.catalogue import MODELS, MULTI
-from pilotid.pilot.factors import Parameter
-from pilotid.pilot.model import PilotModel
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.output_error import record
+from pilotid.likelihood.prediction import predict
+from pilotid.model.catalogue import MODELS, MULTI
+from pilotid.model.factors import Parameter
+from pilotid.model.model import PilotModel
 from pilotid.solve.least_squares import Gram, Minima, minimise, solve_linear
 from pilotid.solve.search import draw_starts, search
 from pilotid.support.types import BoolArray, FloatArray
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.output_error import record
-from pilotid.time_domain.prediction import predict
 
 pytestmark = pytest.mark.numerical
 

@@ -8,25 +8,25 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, fit_of, part_of, predict_circular, without_remnant
 
+from pilotid.checks.checks import remarks
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.remnant import Remnant
-from pilotid.estimates.estimate import Outcome
-from pilotid.estimates.method import identify
+from pilotid.estimate.estimate import Outcome
+from pilotid.estimate.method import identify
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.prediction import predict
+from pilotid.likelihood.prepare import Band
+from pilotid.likelihood.remnant_models import Autoregressive, LowPass, NoiseModel
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
-from pilotid.pilot.element import element_named
-from pilotid.recordings.checks import remarks
+from pilotid.model.catalogue import MODELS, MULTI, SINGLE
+from pilotid.model.element import element_named
 from pilotid.solve.covariance import covariance_at_bounds
 from pilotid.solve.intervals import find_profile_end, profile_intervals
 from pilotid.solve.least_squares import minimise
 from pilotid.support.numbers import CHI_SQUARED_95, Z95
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.prepare import Band
-from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
 
 pytestmark = pytest.mark.numerical
 

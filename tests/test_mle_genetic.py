@@ -9,13 +9,13 @@ import pytest
 from helpers import NOMINAL, SINGLE_LOOP, fit_of, monte_carlo, recording_of, without_remnant
 
 from pilotid.datasets import Scenario, scenario_named
-from pilotid.estimates.estimate import Outcome
-from pilotid.estimates.method import identify
+from pilotid.estimate.estimate import Outcome
+from pilotid.estimate.method import identify
 from pilotid.methods.mle_genetic import MLEGenetic
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.pilot.catalogue import MULTI
-from pilotid.pilot.factors import Delay, Gain
-from pilotid.pilot.model import Channel, PilotModel
+from pilotid.model.catalogue import MULTI
+from pilotid.model.factors import Delay, Gain
+from pilotid.model.model import Channel, PilotModel
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import evolve
 from pilotid.support.types import FloatArray

@@ -11,11 +11,11 @@ from helpers import NOMINAL, fit_of, monte_carlo, recording_of, without_remnant
 from pilotid.datasets import scenario_named
 from pilotid.datasets.forcing import half_and_half_step
 from pilotid.datasets.recorder import Recorder
-from pilotid.estimates.estimate import Outcome
+from pilotid.estimate.estimate import Outcome
+from pilotid.likelihood.instruments import Moments, references
+from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods.mle_reference import MLEReference
-from pilotid.pilot.catalogue import ADAPTING
-from pilotid.time_domain.instruments import Moments, references
-from pilotid.time_domain.search import maximise_likelihood
+from pilotid.model.catalogue import ADAPTING
 
 pytestmark = pytest.mark.numerical
 

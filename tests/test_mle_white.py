@@ -13,12 +13,12 @@ from scipy.signal import lsim
 from scipy.stats import binom
 
 from pilotid.datasets import SCENARIOS, scenario_named, simulate
-from pilotid.estimates.estimate import Outcome
-from pilotid.estimates.method import identify
+from pilotid.estimate.estimate import Outcome
+from pilotid.estimate.method import identify
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3, Hold, _Output, pulse_response
-from pilotid.pilot.catalogue import GAIN_ONLY, MULTI
-from pilotid.pilot.element import Rational
+from pilotid.model.catalogue import GAIN_ONLY, MULTI
+from pilotid.model.element import Rational
 from pilotid.study import scores
 from pilotid.study.run import started
 from pilotid.support.remarks import codes_of

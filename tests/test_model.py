@@ -12,10 +12,11 @@ import pytest
 from helpers import NOMINAL, SINGLE_LOOP
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.estimates.applicability import made_for, motionless_input
-from pilotid.pilot.catalogue import GAIN_ONLY, LEAD_LAG, MODELS, MULTI, RATE, SINGLE
-from pilotid.pilot.element import Rational, element_named, pade
-from pilotid.pilot.factors import (
+from pilotid.estimate.applicability import made_for, motionless_input
+from pilotid.likelihood.prediction import predict
+from pilotid.model.catalogue import GAIN_ONLY, LEAD_LAG, MODELS, MULTI, RATE, SINGLE
+from pilotid.model.element import Rational, element_named, pade
+from pilotid.model.factors import (
     Canals,
     Delay,
     Differentiator,
@@ -30,9 +31,8 @@ from pilotid.pilot.factors import (
     Parameter,
     Values,
 )
-from pilotid.pilot.model import Channel, PilotModel
+from pilotid.model.model import Channel, PilotModel
 from pilotid.support.types import ComplexArray, FloatArray
-from pilotid.time_domain.prediction import predict
 
 pytestmark = pytest.mark.numerical
 

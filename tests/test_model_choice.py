@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, PILOTS, SINGLE_LOOP
 
-from pilotid.datasets import simulate
-from pilotid.model_choice import (
+from pilotid.choice import (
     Candidate,
     by_likelihood,
     choose_jointly,
@@ -20,9 +19,10 @@ from pilotid.model_choice import (
     fit_forced_response,
     select,
 )
-from pilotid.pilot.catalogue import MODELS
-from pilotid.recordings.files import load_recording
-from pilotid.recordings.recording import Recording
+from pilotid.datasets import simulate
+from pilotid.model.catalogue import MODELS
+from pilotid.recording.files import load_recording
+from pilotid.recording.recording import Recording
 from pilotid.support.numbers import recording_rng
 
 pytestmark = pytest.mark.numerical

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pilotid.datasets.remnant import Remnant
+from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.methods.arx import ARX
 from pilotid.methods.bayes import Bayes
@@ -29,7 +30,6 @@ from pilotid.naming.settings import (
     split_list,
 )
 from pilotid.support.types import InputError
-from pilotid.time_domain.remnant_models import LowPass
 
 
 class Colour(Enum):

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pilotid.support.types import FloatArray
-from pilotid.time_domain.noise import contenders
-from pilotid.time_domain.prepare import FAR, Band, lowpass
-from pilotid.time_domain.remnant_models import (
+from pilotid.likelihood.noise import contenders
+from pilotid.likelihood.prepare import FAR, Band, lowpass
+from pilotid.likelihood.remnant_models import (
     NOISE_MODELS,
     Autoregressive,
     BandPass,
@@ -16,6 +15,7 @@ from pilotid.time_domain.remnant_models import (
     best_noise_model,
     lagged_products,
 )
+from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

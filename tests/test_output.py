@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
-from pilotid.estimates.parts import FrequencyResponse
-from pilotid.estimates.quantities import Quantity
-from pilotid.pilot.catalogue import MODELS, SINGLE
+from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.estimate.parts import FrequencyResponse
+from pilotid.estimate.quantities import Quantity
+from pilotid.model.catalogue import MODELS, SINGLE
 from pilotid.support.disk import strict_json
 
 

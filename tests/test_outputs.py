@@ -13,7 +13,7 @@ from helpers import Run
 from stores import finish
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.recordings.files import save_recording
+from pilotid.recording.files import save_recording
 
 RECORDING = simulate(scenario_named("single"), np.random.default_rng(1))
 FIT = ("fit", "s.csv", "--model", "single", "--method", "mle-white")

@@ -13,8 +13,8 @@ from pandas import DataFrame
 from stores import comparison
 
 from pilotid.datasets import SCENARIOS
-from pilotid.pilot.catalogue import SINGLE
-from pilotid.pilot.loops import is_stable
+from pilotid.model.catalogue import SINGLE
+from pilotid.model.loops import is_stable
 from pilotid.report.paper import _limits, write_paper
 from pilotid.study.paper import KEYS, METHODS, MOTION, PEOPLE, PERIPHERAL, fit_trial, trials
 from pilotid.study.run import with_truth

@@ -14,7 +14,7 @@ from helpers import SINGLE_LOOP, Run
 
 from pilotid.datasets import people, simulate
 from pilotid.datasets.people import PEOPLE, fetch, published
-from pilotid.recordings.files import save_recording
+from pilotid.recording.files import save_recording
 from pilotid.support.types import InputError
 
 CONTENT = {"a.mat": b"first", "b.mat": b"second"}

@@ -9,8 +9,8 @@ import pytest
 from helpers import NOMINAL
 
 from pilotid.datasets import simulate
-from pilotid.estimates.estimate import Outcome, failed
-from pilotid.estimates.loops import loops_of
+from pilotid.estimate.estimate import Outcome, failed
+from pilotid.estimate.loops import loops_of
 from pilotid.experiment.performance import lines_shared, performance
 from pilotid.support.numbers import recording_rng
 

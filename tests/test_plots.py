@@ -13,13 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
-from pilotid.estimates.parts import FrequencyResponse, RemnantEstimate
+from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.estimate.parts import FrequencyResponse, RemnantEstimate
 from pilotid.methods.fourier import first_step_of
-from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
-from pilotid.show import plots
+from pilotid.model.catalogue import MODELS, MULTI, SINGLE
+from pilotid.model.model import PilotModel
+from pilotid.plots import plots
+from pilotid.recording.recording import Recording
 from pilotid.support.types import FloatArray, InputError
 
 

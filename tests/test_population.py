@@ -22,7 +22,7 @@ from pilotid.datasets.population import (
 from pilotid.datasets.remnant import Remnant
 from pilotid.datasets.scenarios import SCENARIOS, Scenario
 from pilotid.datasets.simulation import closed_loop, lines_in, remnant_ratio, remnant_shaping
-from pilotid.pilot.loops import margins, open_loops
+from pilotid.model.loops import margins, open_loops
 
 EXOTIC = ("band-pass", "notch", "two processes", "fractional")
 

@@ -18,10 +18,10 @@ import pilotid
 from pilotid.bounds import bounds
 from pilotid.datasets import POPULATIONS, simulate
 from pilotid.datasets.experiments import experiment_of
-from pilotid.estimates.estimate import Estimate, Outcome, symmetric_intervals
+from pilotid.estimate.estimate import Estimate, Outcome, symmetric_intervals
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.study.run import Task, element_kind, facts_of, scenario_of, truths_of
 from pilotid.study.scores import parameters_of, strata_of
 from pilotid.study.study import Study

@@ -11,16 +11,16 @@ import pytest
 from helpers import SINGLE_LOOP, Run, strict
 
 from pilotid.datasets import simulate
-from pilotid.estimates.quantities import sampled
+from pilotid.estimate.quantities import sampled
+from pilotid.likelihood.output_error import simulated_vaf
+from pilotid.likelihood.remnant_models import Autoregressive, LowPass
 from pilotid.methods.bayes import Bayes, Inference
-from pilotid.pilot.catalogue import SINGLE
-from pilotid.pilot.element import double_integrator
-from pilotid.pilot.loops import margins
+from pilotid.model.catalogue import SINGLE
+from pilotid.model.element import double_integrator
+from pilotid.model.loops import margins
 from pilotid.posterior.likelihood import Marginal
 from pilotid.posterior.predictive import derived, predictive_band, vafs
-from pilotid.recordings.files import save_recording
-from pilotid.time_domain.output_error import simulated_vaf
-from pilotid.time_domain.remnant_models import Autoregressive, LowPass
+from pilotid.recording.files import save_recording
 
 RECORDING = simulate(SINGLE_LOOP, np.random.default_rng(31))
 

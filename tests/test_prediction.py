@@ -18,16 +18,16 @@ from helpers import (
 from scipy.fft import next_fast_len
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
-from pilotid.pilot.catalogue import MULTI, PRECISION, RATE, SINGLE
-from pilotid.pilot.factors import Canals
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.prediction import BESIDE, predict
+from pilotid.likelihood.prepare import decimation, fast_length, prepare
+from pilotid.likelihood.remnant_models import WHITE, Autoregressive, Whitener
+from pilotid.model.catalogue import MULTI, PRECISION, RATE, SINGLE
+from pilotid.model.factors import Canals
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import minimise
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.prediction import BESIDE, predict
-from pilotid.time_domain.prepare import decimation, fast_length, prepare
-from pilotid.time_domain.remnant_models import WHITE, Autoregressive, Whitener
 
 pytestmark = pytest.mark.numerical
 

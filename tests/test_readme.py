@@ -12,7 +12,7 @@ import pytest
 from checks import front
 
 from pilotid.methods import METHODS
-from pilotid.pilot.catalogue import MODELS
+from pilotid.model.catalogue import MODELS
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

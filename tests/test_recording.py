@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pilotid.recordings.recording import ABSENT, SIGNALS, Recording, joined
+from pilotid.recording.recording import ABSENT, SIGNALS, Recording, joined
 from pilotid.support.types import FloatArray, InputError
 
 DT = 0.05

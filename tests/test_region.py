@@ -9,17 +9,17 @@ import pytest
 from helpers import NOMINAL
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.estimates.estimate import Outcome, at_bounds
+from pilotid.estimate.estimate import Outcome, at_bounds
+from pilotid.likelihood.optimum import Optimum
+from pilotid.likelihood.profile import off_bounds, profile_about
+from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods.mle import MLE
-from pilotid.pilot.factors import Neuromuscular
-from pilotid.pilot.model import PilotModel
+from pilotid.model.factors import Neuromuscular
+from pilotid.model.model import PilotModel
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Box, Minima, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, recording_rng
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.optimum import Optimum
-from pilotid.time_domain.profile import off_bounds, profile_about
-from pilotid.time_domain.search import maximise_likelihood
 
 pytestmark = pytest.mark.numerical
 

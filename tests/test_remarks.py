@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.estimates.applicability import one_signal
-from pilotid.estimates.draws import Draws
-from pilotid.estimates.estimate import Estimate, Outcome, symmetric_intervals
-from pilotid.estimates.method import identify
-from pilotid.estimates.warnings import remarks_on
+from pilotid.estimate.applicability import one_signal
+from pilotid.estimate.draws import Draws
+from pilotid.estimate.estimate import Estimate, Outcome, symmetric_intervals
+from pilotid.estimate.method import identify
+from pilotid.estimate.warnings import remarks_on
 from pilotid.methods import MLE
-from pilotid.pilot.catalogue import LEAD_LAG, MULTI, SINGLE
-from pilotid.pilot.model import PilotModel
+from pilotid.model.catalogue import LEAD_LAG, MULTI, SINGLE
+from pilotid.model.model import PilotModel
 from pilotid.support.disk import strict_json
 
 pytestmark = pytest.mark.numerical

@@ -9,8 +9,8 @@ import pytest
 from helpers import NOMINAL, recording_of
 from test_output import estimate
 
+from pilotid.checks.checks import remarks
 from pilotid.datasets import SCENARIOS
-from pilotid.recordings.checks import remarks
 from pilotid.study.run import LONGEST_TOLD, told
 from pilotid.study.study import PROFILES, Study
 from pilotid.study.table import Store

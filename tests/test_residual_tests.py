@@ -11,21 +11,21 @@ from helpers import NOMINAL, PILOTS, fit_of, recording_of
 from pilotid.datasets import SCENARIOS, Scenario
 from pilotid.datasets.population import POPULATIONS
 from pilotid.datasets.violations import Violation
-from pilotid.estimates.method import identify
-from pilotid.methods.mle import MLE
-from pilotid.recordings.recording import Recording
-from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import chi_squared_limit
-from pilotid.support.remarks import codes_of
-from pilotid.support.types import FloatArray
-from pilotid.time_domain.diagnostics import (
+from pilotid.estimate.method import identify
+from pilotid.likelihood.diagnostics import (
     drift_left,
     portmanteau,
     ratio_of_halves,
     score_of_halves,
 )
-from pilotid.time_domain.remnant_models import LowPass
-from pilotid.time_domain.search import maximise_likelihood
+from pilotid.likelihood.remnant_models import LowPass
+from pilotid.likelihood.search import maximise_likelihood
+from pilotid.methods.mle import MLE
+from pilotid.recording.recording import Recording
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.remarks import codes_of
+from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

@@ -29,7 +29,7 @@ from pilotid import (
 from pilotid.cli.main import main
 from pilotid.datasets import SCENARIOS
 from pilotid.experiment.files import alone, without
-from pilotid.recordings.files import save_recording
+from pilotid.recording.files import save_recording
 
 RECORDING = simulate("nominal", 3)
 

@@ -11,10 +11,10 @@ from helpers import NOMINAL, Run
 
 from pilotid.datasets import simulate
 from pilotid.experiment.files import Part, Pattern, excluded_of, parts_of
-from pilotid.recordings.files import Reading, save_recording
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import NotMultisineError, forcing_lines
-from pilotid.recordings.windows import chosen_runs, span_of
+from pilotid.recording.files import Reading, save_recording
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import NotMultisineError, forcing_lines
+from pilotid.recording.windows import chosen_runs, span_of
 from pilotid.support.numbers import recording_rng
 from pilotid.support.types import InputError
 

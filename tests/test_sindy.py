@@ -21,13 +21,13 @@ from helpers import (
 )
 
 from pilotid.datasets import scenario_named
-from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import identify
-from pilotid.estimates.parts import FrequencyResponse
+from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.method import identify
+from pilotid.estimate.parts import FrequencyResponse
 from pilotid.methods.sindy import Library, SINDy, ensemble_covariance, prune, undetermined
-from pilotid.pilot.catalogue import MULTI, SINGLE
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.model.catalogue import MULTI, SINGLE
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.spectral.regression import lagged_rows
 from pilotid.support.types import FloatArray
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import SCENARIOS, scenario_named, simulate
-from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.method import identify
-from pilotid.estimates.parts import Specification
+from pilotid.estimate.estimate import Estimate
+from pilotid.estimate.method import identify
+from pilotid.estimate.parts import Specification
 from pilotid.methods import method_named
-from pilotid.pilot.catalogue import MODELS
+from pilotid.model.catalogue import MODELS
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import scenario_named
-from pilotid.estimates.estimate import Outcome
+from pilotid.estimate.estimate import Outcome
 from pilotid.methods.arx import ARX
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE

@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.testing import check_method
 
 pytestmark = pytest.mark.numerical

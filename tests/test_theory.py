@@ -13,17 +13,17 @@ from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.forcing import PERIOD, paper_disturbance, paper_target
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.simulation import white_level
-from pilotid.estimates.method import identify
+from pilotid.estimate.method import identify
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.prediction import predict
+from pilotid.likelihood.prepare import Band, decimation
+from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.pilot.catalogue import MULTI
+from pilotid.model.catalogue import MULTI
 from pilotid.solve.covariance import hessian, sandwich_of, score_products
 from pilotid.study.run import truths_of
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.prepare import Band, decimation
-from pilotid.time_domain.remnant_models import LowPass
 
 pytestmark = pytest.mark.numerical
 

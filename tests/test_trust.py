@@ -17,15 +17,15 @@ from pilotid.datasets.forcing import Multisine, half_and_half_step
 from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import Remnant, TabulatedRemnant
-from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.parts import Specification
+from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.parts import Specification
+from pilotid.likelihood.remnant_models import Autoregressive, LowPass, NoiseModel
 from pilotid.methods.mle import MLE
-from pilotid.pilot.catalogue import ADAPTING
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import floors_of
+from pilotid.model.catalogue import ADAPTING
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import floors_of
 from pilotid.study.trust import length_factor, trial_of
 from pilotid.support.types import FloatArray, InputError
-from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
 
 pytestmark = pytest.mark.numerical
 

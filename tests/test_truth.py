@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import SCENARIOS, Scenario
-from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.pilot.catalogue import MODELS
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.model.catalogue import MODELS
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.study.run import run_task, started
 from pilotid.study.study import Study
 from pilotid.support.types import InputError

@@ -11,14 +11,14 @@ from helpers import NOMINAL, PILOTS
 from scipy.optimize import approx_fprime
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimates.estimate import Outcome
-from pilotid.estimates.parts import FrequencyResponse, circular, real_parts
-from pilotid.pilot.catalogue import MULTI, SINGLE
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.estimate.estimate import Outcome
+from pilotid.estimate.parts import FrequencyResponse, circular, real_parts
+from pilotid.model.catalogue import MULTI, SINGLE
+from pilotid.model.model import PilotModel
+from pilotid.plots.plots import response_figure
+from pilotid.recording.recording import Recording
 from pilotid.report.page import svg
 from pilotid.second_step import ResponseFit, second_step
-from pilotid.show.plots import response_figure
 from pilotid.support.types import ComplexArray, FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -12,7 +12,7 @@ from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
 from pilotid.datasets.simulation import linear_rms
 from pilotid.datasets.stepping import STEP, stepped
 from pilotid.datasets.violations import Violation
-from pilotid.recordings.recording import Recording
+from pilotid.recording.recording import Recording
 from pilotid.study.run import truths_of
 from pilotid.support.types import FloatArray, InputError
 

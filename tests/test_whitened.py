@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimates.estimate import Estimate, Outcome, symmetric_intervals
-from pilotid.estimates.method import identify
+from pilotid.estimate.estimate import Estimate, Outcome, symmetric_intervals
+from pilotid.estimate.method import identify
+from pilotid.likelihood.diagnostics import correlations, portmanteau, prediction_errors
+from pilotid.likelihood.optimum import Optimum
+from pilotid.likelihood.remnant_models import NOISE_MODELS
+from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods.mle import MLE
-from pilotid.pilot.catalogue import MODELS, MULTI
-from pilotid.recordings.recording import Recording
-from pilotid.time_domain.diagnostics import correlations, portmanteau, prediction_errors
-from pilotid.time_domain.optimum import Optimum
-from pilotid.time_domain.remnant_models import NOISE_MODELS
-from pilotid.time_domain.search import maximise_likelihood
+from pilotid.model.catalogue import MODELS, MULTI
+from pilotid.recording.recording import Recording
 
 pytestmark = pytest.mark.numerical
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pilotid.recordings.checks import remarks
-from pilotid.recordings.files import Reading, load_recording, save_recording
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import forcing_lines
-from pilotid.recordings.windows import whole_periods
+from pilotid.checks.checks import remarks
+from pilotid.recording.files import Reading, load_recording, save_recording
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import forcing_lines
+from pilotid.recording.windows import whole_periods
 from pilotid.support.remarks import codes_of
 from pilotid.support.types import FloatArray, InputError
 

@@ -21,15 +21,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimates.applicability import lines_objection
-from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import forcing_lines
+from pilotid.estimate.applicability import lines_objection
+from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.likelihood.output_error import make_estimate
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import forcing_lines
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import Problem, minimise
 from pilotid.solve.search import search
-from pilotid.time_domain.output_error import make_estimate
 
 
 class Lines(Problem):

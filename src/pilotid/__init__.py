@@ -35,7 +35,7 @@ __all__ = sorted(_HOME)
 
 def __getattr__(name: str) -> object:
     """A public name, or a module of this package, when it is first asked for."""
-    module = "pilotid.show.plots" if name == "plot" else f"pilotid.{name}"
+    module = "pilotid.plots.plots" if name == "plot" else f"pilotid.{name}"
     if name in _HOME and name != "plot":
         found = getattr(import_module(_HOME[name]), name)
     elif not name.startswith("_") and find_spec(module):

@@ -27,11 +27,11 @@ from pilotid.datasets.population import Population as Population
 from pilotid.datasets.remnant import Remnant as Remnant
 from pilotid.datasets.scenarios import SCENARIOS as SCENARIOS
 from pilotid.datasets.scenarios import Scenario as Scenario
-from pilotid.estimates.estimate import Estimate as Estimate
-from pilotid.estimates.estimate import Outcome as Outcome
-from pilotid.estimates.method import Method as Method
-from pilotid.estimates.saving import load_estimate as load_estimate
-from pilotid.estimates.saving import save as save
+from pilotid.estimate.estimate import Estimate as Estimate
+from pilotid.estimate.estimate import Outcome as Outcome
+from pilotid.estimate.method import Method as Method
+from pilotid.estimate.saving import load_estimate as load_estimate
+from pilotid.estimate.saving import save as save
 from pilotid.experiment.experiment import analyse as analyse
 from pilotid.methods.arx import ARX as ARX
 from pilotid.methods.bayes import Bayes as Bayes
@@ -42,33 +42,33 @@ from pilotid.methods.mle_reference import MLEReference as MLEReference
 from pilotid.methods.mle_white import MLEWhite as MLEWhite
 from pilotid.methods.mmle3 import MMLE3 as MMLE3
 from pilotid.methods.sindy import SINDy as SINDy
-from pilotid.pilot.catalogue import MODELS as MODELS
-from pilotid.pilot.catalogue import model_named as model_named
-from pilotid.pilot.element import ControlledElement as ControlledElement
-from pilotid.pilot.element import element_named as element_named
-from pilotid.pilot.factors import Canals as Canals
-from pilotid.pilot.factors import Delay as Delay
-from pilotid.pilot.factors import Differentiator as Differentiator
-from pilotid.pilot.factors import Factor as Factor
-from pilotid.pilot.factors import Gain as Gain
-from pilotid.pilot.factors import InnerLoop as InnerLoop
-from pilotid.pilot.factors import Inverse as Inverse
-from pilotid.pilot.factors import Lag as Lag
-from pilotid.pilot.factors import Lead as Lead
-from pilotid.pilot.factors import LookAhead as LookAhead
-from pilotid.pilot.factors import Neuromuscular as Neuromuscular
-from pilotid.pilot.factors import Otoliths as Otoliths
-from pilotid.pilot.factors import Parameter as Parameter
-from pilotid.pilot.model import Channel as Channel
-from pilotid.pilot.model import PilotModel as PilotModel
-from pilotid.recordings.files import (
+from pilotid.model.catalogue import MODELS as MODELS
+from pilotid.model.catalogue import model_named as model_named
+from pilotid.model.element import ControlledElement as ControlledElement
+from pilotid.model.element import element_named as element_named
+from pilotid.model.factors import Canals as Canals
+from pilotid.model.factors import Delay as Delay
+from pilotid.model.factors import Differentiator as Differentiator
+from pilotid.model.factors import Factor as Factor
+from pilotid.model.factors import Gain as Gain
+from pilotid.model.factors import InnerLoop as InnerLoop
+from pilotid.model.factors import Inverse as Inverse
+from pilotid.model.factors import Lag as Lag
+from pilotid.model.factors import Lead as Lead
+from pilotid.model.factors import LookAhead as LookAhead
+from pilotid.model.factors import Neuromuscular as Neuromuscular
+from pilotid.model.factors import Otoliths as Otoliths
+from pilotid.model.factors import Parameter as Parameter
+from pilotid.model.model import Channel as Channel
+from pilotid.model.model import PilotModel as PilotModel
+from pilotid.recording.files import (
     load_recording as load_recording,
 )
-from pilotid.recordings.files import (
+from pilotid.recording.files import (
     save_recording as save_recording,
 )
-from pilotid.recordings.recording import Recording as Recording
-from pilotid.recordings.recording import joined as joined
+from pilotid.recording.recording import Recording as Recording
+from pilotid.recording.recording import joined as joined
 from pilotid.study.study import Study as Study
 from pilotid.support.types import InputError as InputError
 

@@ -14,21 +14,21 @@ from pilotid.datasets.named import AnyScenario, scenario_named
 from pilotid.datasets.population import Population
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import simulate as simulated
-from pilotid.element.fit import recording_remarks
-from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.method import Method
-from pilotid.estimates.method import identify as run_method
+from pilotid.element_fit import recording_remarks
+from pilotid.estimate.estimate import Estimate
+from pilotid.estimate.method import Method
+from pilotid.estimate.method import identify as run_method
 from pilotid.methods import label_of, method_named
-from pilotid.pilot.catalogue import model_named
-from pilotid.pilot.element import ControlledElement, as_element
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.model.catalogue import model_named
+from pilotid.model.element import ControlledElement, as_element
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, ranged, recording_rng
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
-    from pilotid.designing.design import Design
-    from pilotid.model_choice import Selection
+    from pilotid.choice import Selection
+    from pilotid.datasets.design import Design
     from pilotid.report.check import Checked
     from pilotid.study.table import Comparison
     from pilotid.study.trust import Trust
@@ -153,7 +153,7 @@ def which_model(
     Selection
         The model, the reason in words, and the figures of all candidates.
     """
-    from pilotid.model_choice import select
+    from pilotid.choice import select
 
     named = [_model(m) for m in models]
     _require(recording, Recording, "recording")
@@ -286,8 +286,8 @@ def design(
         Predicted errors, costs in e and u, crest factors, and the ``scenario`` of the design,
         which `simulate` and `compare` take.
     """
-    from pilotid.designing.design import REFERENCE
-    from pilotid.designing.design import design as designed
+    from pilotid.datasets.design import REFERENCE
+    from pilotid.datasets.design import design as designed
 
     named = scenario_named(scenario) if isinstance(scenario, str) else scenario
     if not isinstance(named, Scenario):

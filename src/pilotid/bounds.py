@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.pilot.model import PilotModel
+from pilotid.model.model import PilotModel
 from pilotid.solve.covariance import covariance_of, hessian, sandwich_of
 from pilotid.solve.least_squares import minimise
 from pilotid.support.types import ComplexArray, FloatArray, InputError
@@ -122,7 +122,7 @@ class View:
         """Information per sample in what the remnant circulates, of two sets of its spectra.
 
         In a part of the frequencies the likelihood has the loop's term as well, see
-        `pilotid.time_domain.band_likelihood`; what both tell is the product of real parts.
+        `pilotid.likelihood.band_likelihood`; what both tell is the product of real parts.
         """
         if self.share == 1.0:  # over all frequencies the term is nil
             return self.products(first, second)

@@ -19,20 +19,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from pilotid.estimates.estimate import Estimate, Outcome, failed, outcome_of
-from pilotid.estimates.parts import FrequencyResponse, real_parts
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.estimate.estimate import Estimate, Outcome, failed, outcome_of
+from pilotid.estimate.parts import FrequencyResponse, real_parts
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.output_error import make_estimate, record
+from pilotid.likelihood.prediction import Prediction
+from pilotid.likelihood.remnant_models import Whitener
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Problem, minimise
 from pilotid.solve.search import search
 from pilotid.support.numbers import Z95, chi_squared_limit
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.output_error import make_estimate, record
-from pilotid.time_domain.prediction import Prediction
-from pilotid.time_domain.remnant_models import Whitener
 
 #: Combinations of responses whose variance is this far below the largest one are taken for
 #: known by construction only, and left out.

@@ -17,12 +17,12 @@ import numpy as np
 
 from pilotid.datasets import SCENARIOS as KNOWN
 from pilotid.datasets import simulate
-from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import Method, fault_of, identify, method_fault
+from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.method import Method, fault_of, identify, method_fault
+from pilotid.model.catalogue import model_named
+from pilotid.model.model import PilotModel
 from pilotid.naming.settings import labelled
-from pilotid.pilot.catalogue import model_named
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.recording.recording import Recording
 
 #: Scenarios whose recordings a method is tried on, by the model that is fitted.
 SCENARIOS = {"single": KNOWN["single"], "multi": KNOWN["nominal"]}

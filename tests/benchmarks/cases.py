@@ -8,9 +8,9 @@ import numpy as np
 from helpers import NOMINAL
 
 from pilotid.datasets import Scenario, scenario_named, simulate
-from pilotid.pilot.catalogue import MULTI
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.model.catalogue import MULTI
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 
 
 @cache

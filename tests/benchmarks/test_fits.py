@@ -13,10 +13,10 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from pilotid import load_recording
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimates.method import identify
+from pilotid.estimate.method import identify
 from pilotid.methods import method_named
 from pilotid.methods.bayes import Bayes
-from pilotid.pilot.catalogue import MODELS
+from pilotid.model.catalogue import MODELS
 
 METHODS = (
     *("mmle3", "mle-white", "mle-genetic", "mle", "bayes-white", "bayes"),

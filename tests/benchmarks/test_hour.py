@@ -11,7 +11,7 @@ import pytest
 from cases import recorded
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from pilotid.recordings.recording import SIGNALS
+from pilotid.recording.recording import SIGNALS
 
 METHODS = ("mle-white", "mle", "fourier", "arx")
 
@@ -19,10 +19,10 @@ METHODS = ("mle-white", "mle", "fourier", "arx")
 ALONE = """
 import resource, sys
 import numpy as np
-from pilotid.estimates.method import identify
+from pilotid.estimate.method import identify
 from pilotid.methods import method_named
-from pilotid.pilot.catalogue import MODELS
-from pilotid.recordings.recording import Recording
+from pilotid.model.catalogue import MODELS
+from pilotid.recording.recording import Recording
 signals = np.load(sys.argv[1])
 data = Recording(dt=0.001, run_in=0, **{name: signals[name] for name in signals.files})
 del signals

@@ -13,8 +13,8 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from pilotid import Study, load_recording, save_recording
 from pilotid.datasets import scenario_named
-from pilotid.designing.design import design
-from pilotid.recordings.recording import Recording
+from pilotid.datasets.design import design
+from pilotid.recording.recording import Recording
 
 PROGRAM = "from pilotid.cli.main import main; main()"
 #: Runs Python with other arguments, and tells the most memory that any process of it took.

@@ -22,8 +22,8 @@ from pilotid.bounds import bounds
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.remnant import Remnant
-from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.method import identify
+from pilotid.estimate.estimate import Estimate
+from pilotid.estimate.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.support.numbers import fit_rng, recording_rng

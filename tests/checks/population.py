@@ -26,8 +26,8 @@ import numpy as np
 
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.population import POPULATIONS
-from pilotid.estimates.estimate import Outcome
-from pilotid.estimates.method import identify
+from pilotid.estimate.estimate import Outcome
+from pilotid.estimate.method import identify
 from pilotid.methods import method_named
 from pilotid.solve.search import draw_starts
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng

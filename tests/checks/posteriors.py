@@ -14,7 +14,7 @@ import sys
 import numpy as np
 
 from pilotid.datasets.fixed import FOLDER, fixed_tasks, load_task
-from pilotid.estimates.method import identify
+from pilotid.estimate.method import identify
 from pilotid.methods.bayes import Bayes
 from pilotid.support.numbers import fit_rng
 

@@ -20,14 +20,14 @@ import numpy as np
 from scipy.io import loadmat
 
 import pilotid
-from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.parts import FrequencyResponse
+from pilotid.estimate.estimate import Estimate
+from pilotid.estimate.parts import FrequencyResponse
 from pilotid.methods.fourier import Fourier
-from pilotid.pilot.catalogue import FOLLOWING, LOOK_AHEAD, PURSUIT, SLOW
-from pilotid.pilot.element import element_named
-from pilotid.pilot.factors import Gain, Lead
-from pilotid.pilot.model import Channel
-from pilotid.recordings.recording import Recording, joined
+from pilotid.model.catalogue import FOLLOWING, LOOK_AHEAD, PURSUIT, SLOW
+from pilotid.model.element import element_named
+from pilotid.model.factors import Gain, Lead
+from pilotid.model.model import Channel
+from pilotid.recording.recording import Recording, joined
 from pilotid.support.types import FloatArray
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -19,16 +19,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi, sosfiltfilt
 
+from pilotid.checks.checks import remarks
+from pilotid.checks.detectors import findings
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
 from pilotid.datasets.population import drawn_forcing, drawn_pilot, drawn_remnant, reachable
-from pilotid.element.fit import chosen_element
-from pilotid.estimates.method import identify
+from pilotid.element_fit import chosen_element
+from pilotid.estimate.method import identify
 from pilotid.methods import method_named
-from pilotid.pilot.catalogue import MODELS
-from pilotid.pilot.element import ControlledElement
-from pilotid.recordings.checks import remarks
-from pilotid.recordings.detectors import findings
-from pilotid.recordings.recording import Recording
+from pilotid.model.catalogue import MODELS
+from pilotid.model.element import ControlledElement
+from pilotid.recording.recording import Recording
 from pilotid.study.scores import WRONG
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.remarks import remark_of

@@ -22,15 +22,15 @@ import numpy as np
 from recorder import FAULTS, bare, with_zero
 from stepping import TRUTH, stepped
 
+from pilotid.checks.checks import remarks
 from pilotid.datasets import POPULATIONS, SCENARIOS, simulate
-from pilotid.element.fit import chosen_element
-from pilotid.estimates.method import identify
+from pilotid.element_fit import chosen_element
+from pilotid.estimate.method import identify
 from pilotid.methods import method_named
-from pilotid.pilot.catalogue import MODELS
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.checks import remarks
-from pilotid.recordings.files import load_recording
-from pilotid.recordings.recording import Recording
+from pilotid.model.catalogue import MODELS
+from pilotid.model.model import PilotModel
+from pilotid.recording.files import load_recording
+from pilotid.recording.recording import Recording
 
 SEED, FAR = 1, 4.0  # claimed errors
 STRATA = (

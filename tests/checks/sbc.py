@@ -25,13 +25,13 @@ from pathlib import Path
 import numpy as np
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
-from pilotid.estimates.method import identify
+from pilotid.estimate.method import identify
+from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.bayes import Bayes
-from pilotid.pilot.loops import is_stable
+from pilotid.model.loops import is_stable
 from pilotid.posterior.likelihood import LogNormal
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.remnant_models import LowPass
 
 NOMINAL = SCENARIOS["nominal"]
 SPREAD = 0.15  # of the pilot's parameters, on the logarithmic scale

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pilotid.recordings.recording import Recording
+from pilotid.recording.recording import Recording
 from pilotid.support.types import FloatArray
 
 STEP = 0.001  # s, of Heun's rule

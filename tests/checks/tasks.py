@@ -8,7 +8,7 @@ import numpy as np
 
 from pilotid.datasets import scenario_named
 from pilotid.datasets.fixed import FOLDER
-from pilotid.recordings.files import save_recording
+from pilotid.recording.files import save_recording
 from pilotid.study.run import recording_of, scenario_of, truths_of
 from pilotid.support.disk import strict_json
 

@@ -20,7 +20,7 @@ from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.forcing import PERIOD
 from pilotid.datasets.remnant import Remnant
-from pilotid.estimates.method import identify
+from pilotid.estimate.method import identify
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray

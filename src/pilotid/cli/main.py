@@ -20,17 +20,17 @@ from typing import Annotated, NoReturn
 import typer
 
 from pilotid.cli import options, studies
-from pilotid.estimates.applicability import refusal
-from pilotid.estimates.fitted import Fitted, fit_all
-from pilotid.estimates.method import Method
+from pilotid.estimate.applicability import refusal
+from pilotid.estimate.fitted import Fitted, fit_all
+from pilotid.estimate.method import Method
+from pilotid.model.catalogue import AUTO, MODELS, model_named
+from pilotid.model.element import ControlledElement, element_named
+from pilotid.model.model import PilotModel
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled, split_list
-from pilotid.pilot.catalogue import AUTO, MODELS, model_named
-from pilotid.pilot.element import ControlledElement, element_named
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import Reading, read_with, save_recording
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.windows import sidecar_path, stem_of
+from pilotid.recording.files import Reading, read_with, save_recording
+from pilotid.recording.recording import Recording
+from pilotid.recording.windows import sidecar_path, stem_of
 from pilotid.support.disk import (
     path_shown,
     require_file,
@@ -260,12 +260,12 @@ def _fitted(
 
     The first has what was said of models, where there are several or none is named.
     """
-    from pilotid.element.fit import chosen_element
+    from pilotid.element_fit import chosen_element
 
     choice = chosen_element(recording, plant)
     if len(named) == 1:
         return [fit_all(recording, named[0], methods, seed, choice)]
-    from pilotid.model_choice import select
+    from pilotid.choice import select
 
     found = select(choice.named_in(recording), named, seed, fix)
     models = named or [options.with_start(found.model, start)]
@@ -321,7 +321,7 @@ def posterior(
     force: bool = False,
 ) -> None:
     """Sample the posterior of a pilot model's parameters with emcee."""
-    from pilotid.model_choice import select
+    from pilotid.choice import select
 
     plant = element_named(element) if element else None
     named = None if model == AUTO else model_named(model)
@@ -353,12 +353,13 @@ def infer(
     folder: Path | None,
 ) -> None:
     """Sample a posterior with emcee, write draws, summary and figures, and print what it says."""
-    from pilotid.element.fit import chosen_element
-    from pilotid.estimates.applicability import made_for, motionless_input
-    from pilotid.estimates.estimate import Outcome, failed
-    from pilotid.estimates.fitted import Fitted
-    from pilotid.estimates.method import import_libraries
-    from pilotid.estimates.warnings import all_remarks
+    from pilotid.checks.checks import remarks
+    from pilotid.element_fit import chosen_element
+    from pilotid.estimate.applicability import made_for, motionless_input
+    from pilotid.estimate.estimate import Outcome, failed
+    from pilotid.estimate.fitted import Fitted
+    from pilotid.estimate.method import import_libraries
+    from pilotid.estimate.warnings import all_remarks
     from pilotid.methods.bayes import Bayes
     from pilotid.posterior.predictive import (
         derived,
@@ -366,7 +367,6 @@ def infer(
         predictive_band,
         sampled_parameters,
     )
-    from pilotid.recordings.checks import remarks
     from pilotid.report.posterior import print_posterior, write_posterior
     from pilotid.support.terminal import share_bar
 

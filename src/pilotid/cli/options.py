@@ -12,13 +12,13 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from pilotid.estimates.method import Method
+from pilotid.estimate.method import Method
 from pilotid.methods import label_of, method_named, methods
+from pilotid.model.catalogue import AUTO, model_named, with_held
+from pilotid.model.model import PilotModel
 from pilotid.naming.settings import split_list
-from pilotid.pilot.catalogue import AUTO, model_named, with_held
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import Reading, read_with
-from pilotid.recordings.recording import Recording
+from pilotid.recording.files import Reading, read_with
+from pilotid.recording.recording import Recording
 from pilotid.support import disk
 from pilotid.support.disk import strict_json, write_file
 from pilotid.support.numbers import ARGUMENTS, ranged
@@ -194,7 +194,7 @@ def with_start(model: PilotModel, text: str | None) -> PilotModel:
 
 def selected_model(recording: Recording, name: str, seed: int) -> PilotModel:
     """The model of that name, or the one best supported by the recording."""
-    from pilotid.model_choice import select
+    from pilotid.choice import select
 
     return select(recording, seed=seed).model if name == AUTO else model_named(name)
 

@@ -12,10 +12,10 @@ import typer
 
 from pilotid.cli import options
 from pilotid.datasets.people import PEOPLE, fetch, recordings_in
+from pilotid.model.catalogue import AUTO
+from pilotid.model.element import element_named
 from pilotid.naming.settings import split_list
-from pilotid.pilot.catalogue import AUTO
-from pilotid.pilot.element import element_named
-from pilotid.recordings.files import Reading, load_recording, read_with
+from pilotid.recording.files import Reading, load_recording, read_with
 from pilotid.support import disk
 from pilotid.support.format import Line, show, table
 from pilotid.support.numbers import DEFAULT_SEED
@@ -322,10 +322,10 @@ def design(
     from importlib.metadata import version
 
     from pilotid.datasets import Scenario, scenario_named
+    from pilotid.datasets.design import design as designed
+    from pilotid.datasets.design import scenario_of_fit, write_files
     from pilotid.datasets.named import model_place
-    from pilotid.designing.design import design as designed
-    from pilotid.designing.design import scenario_of_fit, write_files
-    from pilotid.designing.report import error_table, sentences, write_report
+    from pilotid.report.design import error_table, sentences, write_report
 
     read = [Path(path) for path in (scenario, estimates) if path is not None]
     disk.require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.method import Method, identify
+from pilotid.estimate.estimate import Estimate
+from pilotid.estimate.method import Method, identify
 from pilotid.experiment.files import alone, without
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.windows import of_runs
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
+from pilotid.recording.windows import of_runs
 from pilotid.support.numbers import fit_rng
 
 if TYPE_CHECKING:

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from pilotid.estimates.method import Method
+from pilotid.estimate.method import Method
 from pilotid.experiment.files import Pattern, excluded_of, parts_of, with_factors
 from pilotid.experiment.fits import Settings, fit_recordings
 from pilotid.experiment.results import COLUMNS, Results, results_of
 from pilotid.methods import label_of, method_named
-from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
-from pilotid.pilot.element import ControlledElement, as_element
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import Reading, read_with
-from pilotid.recordings.windows import span_of
+from pilotid.model.catalogue import AUTO, MODELS, model_named, with_held
+from pilotid.model.element import ControlledElement, as_element
+from pilotid.model.model import PilotModel
+from pilotid.recording.files import Reading, read_with
+from pilotid.recording.windows import span_of
 from pilotid.study.study import about_this
 from pilotid.support.disk import frame_bytes, require_folder, write_file
 from pilotid.support.format import Table, as_text
@@ -152,7 +152,7 @@ def analyse(
     fix
         Parameters that are held or bounded, such as ``fnm=12,dnm=.1..0.5``.
     reading
-        How files are read, a `pilotid.recordings.files.Reading`.
+        How files are read, a `pilotid.recording.files.Reading`.
     ignore
         Codes of warnings that tables and page leave out, and that exclude no estimate.
     seed

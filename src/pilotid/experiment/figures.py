@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.estimates.quantities import symbol, unit_words
+from pilotid.estimate.quantities import symbol, unit_words
 from pilotid.experiment.files import CONDITION, SUBJECT, in_order
 from pilotid.experiment.results import LEFT_OUT
-from pilotid.show.style import INK, draw_grid, journal_figure, log_ticks, with_unit
+from pilotid.plots.style import INK, draw_grid, journal_figure, log_ticks, with_unit
 from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:

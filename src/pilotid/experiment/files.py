@@ -10,9 +10,9 @@ from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pilotid.recordings.files import Reading
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.windows import file_of, of_runs, sidecar_path, stem_of
+from pilotid.recording.files import Reading
+from pilotid.recording.recording import Recording
+from pilotid.recording.windows import file_of, of_runs, sidecar_path, stem_of
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:

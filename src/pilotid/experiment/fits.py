@@ -12,18 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from pilotid.element.fit import chosen_element
-from pilotid.estimates.estimate import Estimate, Outcome, failed, is_at_bound
-from pilotid.estimates.fitted import Fitted, fit_all
-from pilotid.estimates.loops import Loops
-from pilotid.estimates.method import Method
-from pilotid.estimates.quantities import Quantity, spans_decade
-from pilotid.experiment.cross_validation import failed_rows, predict_left_out
-from pilotid.experiment.files import CONDITION, SUBJECT, Part, in_order
-from pilotid.experiment.performance import lines_shared, performance
-from pilotid.jobs import Loss, run_tasks
-from pilotid.methods.fourier import first_step_of
-from pilotid.model_choice import (
+from pilotid.checks.checks import remarks
+from pilotid.checks.detectors import copies_among, fingerprints
+from pilotid.choice import (
     Candidate,
     Choice,
     choose_jointly,
@@ -31,21 +22,30 @@ from pilotid.model_choice import (
     compare_models,
     default_candidates,
 )
+from pilotid.element_fit import chosen_element
+from pilotid.estimate.estimate import Estimate, Outcome, failed, is_at_bound
+from pilotid.estimate.fitted import Fitted, fit_all
+from pilotid.estimate.loops import Loops
+from pilotid.estimate.method import Method
+from pilotid.estimate.quantities import Quantity, spans_decade
+from pilotid.experiment.cross_validation import failed_rows, predict_left_out
+from pilotid.experiment.files import CONDITION, SUBJECT, Part, in_order
+from pilotid.experiment.performance import lines_shared, performance
+from pilotid.jobs import Loss, run_tasks
+from pilotid.likelihood.remnant_models import LowPass
+from pilotid.methods.fourier import first_step_of
+from pilotid.model.catalogue import MODELS, with_held
+from pilotid.model.element import ControlledElement
+from pilotid.model.model import PilotModel
 from pilotid.naming.code import code_digest, own_digest, packed, reason, unpacked
 from pilotid.naming.settings import plain
-from pilotid.pilot.catalogue import MODELS, with_held
-from pilotid.pilot.element import ControlledElement
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.checks import remarks
-from pilotid.recordings.detectors import copies_among, fingerprints
-from pilotid.recordings.files import Reading
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.windows import span_of
+from pilotid.recording.files import Reading
+from pilotid.recording.recording import Recording
+from pilotid.recording.windows import span_of
 from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.store import Rows
 from pilotid.support.terminal import with_bar
 from pilotid.support.types import InputError, one_line
-from pilotid.time_domain.remnant_models import LowPass
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -86,7 +86,7 @@ class Settings:
     ignored
         Codes of remarks that the user does not want to see.
     fix
-        Parameters that are held or bounded, see `pilotid.pilot.catalogue.with_held`.
+        Parameters that are held or bounded, see `pilotid.model.catalogue.with_held`.
     reading
         How files are read.
     """

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import known_lines
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import known_lines
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray, IntArray
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pilotid.estimates.quantities import UNDETERMINED, symbol
+from pilotid.estimate.quantities import UNDETERMINED, symbol
 from pilotid.experiment.cross_validation import ranked
 from pilotid.experiment.figures import estimates_figure, responses_figure, variances_figure
 from pilotid.experiment.files import CONDITION, SUBJECT, in_order

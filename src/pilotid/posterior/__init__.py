@@ -1,4 +1,4 @@
 """The posterior of pilot and remnant: priors, likelihood, sampling, and what follows from draws.
 
-Imports `time_domain` and all beneath it.  Start at `likelihood`.
+Imports `likelihood` and all beneath it.  Start at `likelihood`.
 """

@@ -13,7 +13,7 @@ prior: with A the products of that past, and the sum of squares at its minimum,
     log p = -((N - p)/2) log(sum of squares) - (1/2) log det A + constant
 
 (Zellner, An Introduction to Bayesian Inference in Econometrics, 1971, ch. 3 and 7).  In a band
-(`pilotid.time_domain.band_likelihood`) the log-determinant D is subtracted from all of it; that of
+(`pilotid.likelihood.band_likelihood`) the log-determinant D is subtracted from all of it; that of
 an autoregression is no square, and its coefficients are integrated out about those that are most
 likely (Laplace).
 """
@@ -27,14 +27,14 @@ from typing import Protocol
 
 import numpy as np
 
-from pilotid.pilot.factors import Parameter
-from pilotid.pilot.model import PilotModel
+from pilotid.likelihood.band_likelihood import most_likely_regression
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.optimum import Optimum
+from pilotid.likelihood.remnant_models import NoiseModel
+from pilotid.model.factors import Parameter
+from pilotid.model.model import PilotModel
 from pilotid.solve.least_squares import LogTransform
 from pilotid.support.types import BoolArray, FloatArray, InputError
-from pilotid.time_domain.band_likelihood import most_likely_regression
-from pilotid.time_domain.likelihood import Likelihood
-from pilotid.time_domain.optimum import Optimum
-from pilotid.time_domain.remnant_models import NoiseModel
 
 #: Standard deviations from the middle of a normal distribution that hold four fifths of it.
 FOUR_FIFTHS = 1.2815515655446004
@@ -187,7 +187,7 @@ class Marginal:
         Prediction, model of the remnant and analysis band.
     widened
         Factor on the variances that the likelihood stands for, see
-        `pilotid.time_domain.optimum.Optimum`: the remnant's model was chosen from the
+        `pilotid.likelihood.optimum.Optimum`: the remnant's model was chosen from the
         same seconds, which integrating over its parameters does not tell.
     """
 

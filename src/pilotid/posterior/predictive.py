@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.estimates.draws import TAILS, Draws
-from pilotid.estimates.loops import COUNT, SampledLoop, sampled_loops
-from pilotid.estimates.quantities import PosteriorQuantity, combined_by_draws, sampled
-from pilotid.pilot.element import ControlledElement
-from pilotid.pilot.model import PilotModel
+from pilotid.estimate.draws import TAILS, Draws
+from pilotid.estimate.loops import COUNT, SampledLoop, sampled_loops
+from pilotid.estimate.quantities import PosteriorQuantity, combined_by_draws, sampled
+from pilotid.likelihood.prediction import predict
+from pilotid.model.element import ControlledElement
+from pilotid.model.model import PilotModel
 from pilotid.posterior.likelihood import Marginal
-from pilotid.recordings.recording import Recording
+from pilotid.recording.recording import Recording
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.prediction import predict
 
 SIMULATED = 400  # recordings
 SETTLE = 400  # samples in which the simulated remnant forgets where it started

@@ -9,23 +9,23 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.element.fit import ElementChoice, chosen_element
-from pilotid.estimates.applicability import lines_objection, motionless_input
+from pilotid.checks.checks import remarks
+from pilotid.checks.detectors import Finding, copies_among, findings, fingerprints
+from pilotid.checks.understood import REST, understood
+from pilotid.choice import default_candidates, select
+from pilotid.element_fit import ElementChoice, chosen_element
+from pilotid.estimate.applicability import lines_objection, motionless_input
+from pilotid.likelihood.constancy import constancy_of
 from pilotid.methods import methods as every_method
-from pilotid.model_choice import default_candidates, select
-from pilotid.pilot.catalogue import MODELS
-from pilotid.pilot.element import ControlledElement
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.checks import remarks
-from pilotid.recordings.detectors import Finding, copies_among, findings, fingerprints
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.understood import REST, understood
+from pilotid.model.catalogue import MODELS
+from pilotid.model.element import ControlledElement
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.support.format import Line, Table, as_html, as_text, table
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.remarks import GRADES, Remark, codes_of, gravest_first, remarks_json, without
 from pilotid.support.types import InputError
-from pilotid.time_domain.constancy import constancy_of
 
 YES = "yes"
 MUCH_REST = 0.2  # share of the time from which a control rests is worth a line

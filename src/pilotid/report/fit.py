@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pilotid.estimates.estimate import Estimate, Outcome, is_at_bound
-from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.parts import FrequencyResponse
-from pilotid.estimates.quantities import Quantity, quantity_tables
-from pilotid.estimates.quantities import abreast as beside
-from pilotid.pilot.element import ControlledElement, parsed_element
+from pilotid.estimate.estimate import Estimate, Outcome, is_at_bound
+from pilotid.estimate.fitted import Fitted
+from pilotid.estimate.parts import FrequencyResponse
+from pilotid.estimate.quantities import Quantity, quantity_tables
+from pilotid.estimate.quantities import abreast as beside
+from pilotid.model.element import ControlledElement, parsed_element
+from pilotid.plots import plots
+from pilotid.plots.responses import BANDS
+from pilotid.plots.spectra import RESIDUALS
+from pilotid.plots.style import leading
 from pilotid.report.page import Figure, render
-from pilotid.show import plots
-from pilotid.show.responses import BANDS
-from pilotid.show.spectra import RESIDUALS
-from pilotid.show.style import leading
 from pilotid.support.format import Line, show
 from pilotid.support.remarks import counted_grades
 from pilotid.support.types import FloatArray

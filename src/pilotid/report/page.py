@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 from weakref import WeakSet
 from xml.etree import ElementTree
 
-from pilotid.estimates.quantities import symbol
+from pilotid.estimate.quantities import symbol
 from pilotid.support.disk import write_file
 from pilotid.support.format import Table, clean, for_markdown, inline, markdown, math_html
 from pilotid.support.types import InputError

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pilotid.estimates.draws import Draws
-from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.quantities import UNDETERMINED, PosteriorQuantity
-from pilotid.pilot.element import ControlledElement
+from pilotid.estimate.draws import Draws
+from pilotid.estimate.fitted import Fitted
+from pilotid.estimate.quantities import UNDETERMINED, PosteriorQuantity
+from pilotid.model.element import ControlledElement
+from pilotid.plots.posterior_figures import autocorrelation, band, corner, trace
 from pilotid.posterior.predictive import PredictiveBand
 from pilotid.report.fit import figures_of, words_of
 from pilotid.report.page import Figure, render, save_figures
-from pilotid.show.posterior_figures import autocorrelation, band, corner, trace
 from pilotid.support.disk import strict_json, table_bytes, write_file
 from pilotid.support.format import Line, Table, show, table, to_error
 from pilotid.support.terminal import make_console

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pilotid.show.style import (
+from pilotid.plots.style import (
     GRID,
     INK,
     WIDTH,

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from pilotid.estimates.estimate import Outcome
+from pilotid.estimate.estimate import Outcome
 from pilotid.study.judge import (
     EFFICIENT,
     USABLE,

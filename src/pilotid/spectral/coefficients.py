@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.estimates.parts import FrequencyResponse, circular
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import coefficients_at, forcing_lines
+from pilotid.estimate.parts import FrequencyResponse, circular
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import coefficients_at, forcing_lines
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 #: Bins beside each line that tell leakage and power, and the order of the polynomial that leakage
@@ -236,7 +236,7 @@ def coefficients_of(
     Parameters
     ----------
     recording
-        A recording with one or two multisines, see `pilotid.recordings.spectra.forcing_lines`.
+        A recording with one or two multisines, see `pilotid.recording.spectra.forcing_lines`.
     model
         The pilot model.
     neighbours

@@ -15,16 +15,16 @@ from functools import cached_property
 
 import numpy as np
 
-from pilotid.element.fit import closing_element
-from pilotid.estimates.applicability import lines_objection
-from pilotid.estimates.estimate import is_at_bound
-from pilotid.estimates.parts import RemnantEstimate, Specification, score_test
-from pilotid.estimates.quantities import spans_decade
-from pilotid.pilot.loops import are_stable
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.detectors import band_end
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import floors_of
+from pilotid.checks.detectors import band_end
+from pilotid.element_fit import closing_element
+from pilotid.estimate.applicability import lines_objection
+from pilotid.estimate.estimate import is_at_bound
+from pilotid.estimate.parts import RemnantEstimate, Specification, score_test
+from pilotid.estimate.quantities import spans_decade
+from pilotid.model.loops import are_stable
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import Minima, Problem, minimise, solve_linear
 from pilotid.solve.search import search
@@ -122,7 +122,7 @@ def fit_lines(
     Parameters
     ----------
     recording, model
-        What is fitted; `pilotid.estimates.applicability.lines_objection` has none.
+        What is fitted; `pilotid.estimate.applicability.lines_objection` has none.
     rng
         Draws the random starts.
     starts

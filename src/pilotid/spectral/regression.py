@@ -15,8 +15,8 @@ from typing import Literal
 
 import numpy as np
 
-from pilotid.estimates.parts import FrequencyResponse, real_parts
-from pilotid.pilot.model import PilotModel
+from pilotid.estimate.parts import FrequencyResponse, real_parts
+from pilotid.model.model import PilotModel
 from pilotid.support.types import ComplexArray, FloatArray, IntArray
 
 
@@ -238,7 +238,7 @@ class BlackBox:
 
         Returns
         -------
-        Responses (inputs, n), and the covariance of `pilotid.estimates.parts.real_parts` of them.
+        Responses (inputs, n), and the covariance of `pilotid.estimate.parts.real_parts` of them.
         """
         poles, shift = self.structure.poles, np.exp(-1j * omega * dt)
         down = shift ** np.arange(1, poles + 1)[:, None]

@@ -18,10 +18,10 @@ import numpy as np
 
 from pilotid.datasets import AnyScenario, scenarios_named
 from pilotid.datasets.named import truth
-from pilotid.estimates.estimate import Outcome
+from pilotid.estimate.estimate import Outcome
 from pilotid.naming.settings import name_of
-from pilotid.recordings.files import save_recording
-from pilotid.recordings.recording import Recording
+from pilotid.recording.files import save_recording
+from pilotid.recording.recording import Recording
 from pilotid.study.run import recorded, recording_of, scenario_of, started, with_truth
 from pilotid.study.table import METHODS, Entry, Fit, Store
 from pilotid.support.disk import make_folder, require_file, require_folder, strict_json, write_file

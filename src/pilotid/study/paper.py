@@ -19,13 +19,13 @@ import numpy as np
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.people import folder_of, recordings_in
 from pilotid.datasets.scenarios import PILOT_AT_REST, PILOT_IN_MOTION
-from pilotid.estimates.method import identify
+from pilotid.estimate.method import identify
 from pilotid.jobs import Loss, run_tasks
 from pilotid.methods import method_named
-from pilotid.pilot.catalogue import MULTI, SINGLE
-from pilotid.pilot.loops import is_stable
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import load_recording
+from pilotid.model.catalogue import MULTI, SINGLE
+from pilotid.model.loops import is_stable
+from pilotid.model.model import PilotModel
+from pilotid.recording.files import load_recording
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng
 from pilotid.support.types import FloatArray
 

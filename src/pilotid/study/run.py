@@ -10,19 +10,19 @@ from functools import lru_cache
 import numpy as np
 
 from pilotid.bounds import bounds
+from pilotid.checks.checks import remarks
 from pilotid.datasets import Population, Scenario, simulate
 from pilotid.datasets.experiments import bound_of, experiment_of
 from pilotid.datasets.named import AnyScenario
-from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import Method, Searching, identify
-from pilotid.estimates.warnings import OPEN
+from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.method import Method, Searching, identify
+from pilotid.estimate.warnings import OPEN
 from pilotid.jobs import Loss
 from pilotid.methods import label_of
+from pilotid.model.element import ControlledElement
+from pilotid.model.model import PilotModel
 from pilotid.naming.code import reason, unpacked
-from pilotid.pilot.element import ControlledElement
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.checks import remarks
-from pilotid.recordings.recording import Recording
+from pilotid.recording.recording import Recording
 from pilotid.study.table import Fit
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng, start_rng
 from pilotid.support.remarks import codes_of

@@ -34,7 +34,7 @@ from zlib import crc32
 
 import numpy as np
 
-from pilotid.estimates.estimate import Outcome
+from pilotid.estimate.estimate import Outcome
 from pilotid.support.format import number
 from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, FloatArray, IntArray

@@ -19,8 +19,8 @@ import numpy as np
 from pilotid.datasets import CATALOGUE, AnyScenario, Population, scenarios_named, simulate
 from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
-from pilotid.estimates.estimate import Outcome
-from pilotid.estimates.method import Method
+from pilotid.estimate.estimate import Outcome
+from pilotid.estimate.method import Method
 from pilotid.jobs import TIME_LIMIT, run_tasks
 from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.code import code_digest, own_digest, packed, place_of, reason

@@ -69,13 +69,13 @@ class Fit:
     outcome, message, usable
         How it ended, and whether the estimate counts.
     vaf, iterations, seconds
-        See `pilotid.estimates.estimate.Estimate`.
+        See `pilotid.estimate.estimate.Estimate`.
     posterior
         Whether the standard errors are those of a posterior distribution.
     excess
         Of a fit to a recording of a population: the criterion over that of a search which
         starts at the truth, where the method has one; see
-        `pilotid.estimates.method.Searching`.
+        `pilotid.estimate.method.Searching`.
     remarks
         What a user would have been told of the recording and of the estimate, on one line, see
         `pilotid.study.run.told`; empty for nothing.

@@ -16,13 +16,13 @@ import numpy as np
 
 from pilotid.datasets import AnyScenario, Scenario
 from pilotid.datasets.named import designed_scenario, scenario_json
-from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.method import Method, identify
-from pilotid.estimates.parts import Specification
+from pilotid.estimate.estimate import Estimate
+from pilotid.estimate.method import Method, identify
+from pilotid.estimate.parts import Specification
 from pilotid.methods import label_of, method_named, methods
-from pilotid.pilot.catalogue import MODELS
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.model.catalogue import MODELS
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
 from pilotid.study.judge import judge
 from pilotid.study.scores import Mean
 from pilotid.study.study import Bar, Study

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 
 class RecorderLimits(NamedTuple):
-    """What a recorder does to signals, see `pilotid.recordings.detectors`."""
+    """What a recorder does to signals, see `pilotid.checks.detectors`."""
 
     half_octave: tuple[float, float] = (-45.0, -52.0)  # dB, steepest of u (-38.8) and x (-45.9)
     octave: tuple[float, float] = (-54.0, -70.0)  # dB, from 1 to 9 Hz (-50.7, -64.6)
@@ -45,7 +45,7 @@ class RecorderLimits(NamedTuple):
 
 
 class SignalLimits(NamedTuple):
-    """What is wrong with signals as such, see `pilotid.recordings.checks`."""
+    """What is wrong with signals as such, see `pilotid.checks.checks`."""
 
     still: float = 1e-9  # standard deviation over the size of the signal: it does not move
     hold_e: float = 0.3  # s at one value

@@ -1,0 +1,412 @@
+"""Forcing functions that give the precision wanted, within limits on error and control.
+
+The lines are those of a reference, and so is the remnant's power.  Their powers are the optimum of
+a smooth convex problem with linear limits, which has one optimum; phases are chosen after them, for
+bounds on errors do not depend on phases, and peaks do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from zlib import crc32
+
+import numpy as np
+
+from pilotid.bounds import GRID, LineInformation, line_information
+from pilotid.datasets.experiments import experiment_of, inputs_of
+from pilotid.datasets.forcing import Multisine
+from pilotid.datasets.named import designed_scenario, scenario_json
+from pilotid.datasets.remnant import UNIT_LEVEL
+from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.simulation import closed_loop, white_level
+from pilotid.likelihood.settings import BARTLETT_SECONDS
+from pilotid.support.disk import strict_json, table_bytes, write_file
+from pilotid.support.numbers import DEFAULT_SEED, draw_rng
+from pilotid.support.types import ComplexArray, FloatArray, InputError
+
+if TYPE_CHECKING:
+    from scipy.optimize import LinearConstraint
+
+#: Largest share of a signal's power at a line, or the reference's share where that is more, and
+#: the least, of the reference's share: without them few lines have all the power, whose crest
+#: factor is high and which a pilot foresees.
+LINE, FLOOR = 0.14, 0.7
+FADE = 2.0  # s
+NORMS, STEPS, STARTS = (4, 16, 64, 256, 1024), 100, 6
+SAMPLES = 16  # for a period of the highest line, while phases are sought
+#: Of the logarithm of the mean variance: where the search for powers ends, and its longest way.
+TOLERANCE, ITERATIONS = 1e-11, 500
+KEPT = 1e-6  # by how much rounding may exceed a limit
+REFERENCE = {"e": 1.0, "u": 1.0}
+Errors = dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A design, and what it is expected to give.
+
+    Attributes
+    ----------
+    scenario, reference
+        The experiment, ready to be simulated, and the scenario that it started from.
+    minimise, limits
+        What was asked for.
+    errors, reference_errors, twice, five_runs
+        Predicted standard errors as shares of the true values: of the design, of the reference's
+        forcing functions, and of the design in twice the time and in five runs.  They are bounds,
+        and the share that the finite length adds to the errors of `mle`.
+    costs
+        Variances of e and u over those of the reference.
+    crest
+        Crest factors of ft and fd, and those of the reference.
+    binding
+        The limits that are reached.
+    """
+
+    scenario: Scenario
+    reference: Scenario
+    minimise: str
+    limits: Mapping[str, float]
+    errors: Errors
+    reference_errors: Errors
+    twice: Errors
+    five_runs: Errors
+    costs: dict[str, float]
+    crest: dict[str, tuple[float, float]]
+    binding: tuple[str, ...]
+
+
+def design(
+    scenario: Scenario, minimise: str = "A", limits: Mapping[str, float] = REFERENCE
+) -> Design:
+    """The best forcing functions within limits.
+
+    Neither signal has more power than the reference's, the ratio of both powers is kept, and no
+    share of the power above any frequency is larger than the reference's.
+
+    Parameters
+    ----------
+    scenario
+        Pilot, controlled element, remnant, window and runs; its forcing functions are the
+        reference, and set the power of the remnant.
+    minimise
+        ``A`` (mean relative variance), ``D`` (volume), or parameters as in ``Kvis,tlead``.
+    limits
+        Largest variances of ``e`` and ``u`` over those of the reference.
+
+    Raises
+    ------
+    InputError
+        If limits exclude one another, or the scenario's forcing functions are no sums of sines.
+    """
+    from scipy.optimize import LinearConstraint
+
+    keys, signals = scenario.model.keys, sines_of(scenario)
+    usual = np.concatenate([0.5 * np.array(sines.amplitudes) ** 2 for sines in signals.values()])
+    told, gains, free = _loop(scenario, signals, usual)
+    for name, times in limits.items():
+        if name not in gains:
+            raise InputError(f"there is no limit on {name}: give e, u or both")
+        if not free[name] < times < math.inf:
+            raise InputError(
+                f"{name}={times:g} cannot be kept: the remnant alone makes {free[name]:.2f}"
+            )
+    named = list(keys) if minimise in ("A", "D") else [k.strip() for k in minimise.split(",")]
+    if unknown := [key for key in named if key not in keys]:
+        raise InputError(f"no parameter is '{unknown[0]}': give A, D or of {', '.join(keys)}")
+    wholes, shapes = _spectra(signals, usual)
+    names = [f"{name}={times:g}" for name, times in limits.items()]
+    names += [f"power of {name}" for name in signals]
+    left = np.array([*(gains[name] for name in limits), *wholes, *shapes])
+    room = [times - free[name] for name, times in limits.items()]
+    right = np.array([*room, *np.ones(len(wholes)), *np.zeros(len(shapes))])
+    unit = float(np.mean(usual))
+    kept = [LinearConstraint(left * unit, -np.inf, right)]
+    if len(wholes) > 1:
+        kept.append(LinearConstraint(unit * (wholes[:1] - wholes[1:]), 0.0, 0.0))
+    weights = np.array([named.count(key) / len(named) for key in keys])
+    weights /= float(weights @ np.diag(told.covariance(usual)))
+    factors = math.sqrt(told.runs * unit) * told.factors
+    powers = unit * least(
+        told.runs * told.base, factors, None if minimise == "D" else weights, kept
+    )
+    used = left[: len(names)] @ powers / right[: len(names)]
+    powers /= max(1.0, float(np.max(used)))  # rounding may leave it just outside
+    made = _with_phases(scenario, signals, powers)
+
+    def errors(own: FloatArray, times: float = 1.0, runs: int = scenario.runs) -> Errors:
+        """Bounds fall with the root of the time; those of a short recording are too small."""
+        seconds = times * scenario.duration
+        short = 1.0 + BARTLETT_SECONDS / (runs * seconds)
+        factor = short * scenario.runs / (runs * times)
+        found = np.sqrt(factor * np.diag(told.covariance(own)))
+        return dict(zip(keys, found.tolist(), strict=True))
+
+    crests = zip(signals, map(crest_of, sines_of(made).values()), signals.values(), strict=True)
+    return Design(
+        scenario=made,
+        reference=scenario,
+        minimise=minimise,
+        limits=limits,
+        errors=errors(powers),
+        reference_errors=errors(usual),
+        twice=errors(powers, times=2.0),
+        five_runs=errors(powers, runs=5),
+        costs={name: free[name] + float(gains[name] @ powers) for name in gains},
+        crest={name: (crest, crest_of(reference)) for name, crest, reference in crests},
+        binding=tuple(n for n, share in zip(names, used, strict=True) if share > 0.999),
+    )
+
+
+def sines_of(scenario: Scenario) -> dict[str, Multisine]:
+    """The forcing functions by name, ft first.
+
+    Raises
+    ------
+    InputError
+        If they are not sums of sines with whole periods in the window and lines of their own.
+    """
+    given = {"ft": scenario.target, "fd": scenario.disturbance}
+    found = {name: f for name, f in given.items() if isinstance(f, Multisine)}
+    periods = {sines.period for sines in found.values()}
+    lines = [line for sines in found.values() for line in sines.lines]
+    whole = len(periods) == 1 and round(own := scenario.duration / min(periods)) >= 1
+    if not whole or abs(own - round(own)) > 1e-9 or len(set(lines)) < len(lines):
+        raise InputError(
+            f"scenario {scenario.name}: a design starts from sums of sines of one period, with "
+            "whole periods in the window and no line in both; name nominal, for example"
+        )
+    return found
+
+
+# --------------------------------------------------------------------------------- powers
+
+
+def least(
+    base: FloatArray,
+    factors: FloatArray,
+    weights: FloatArray | None,
+    limits: Sequence[LinearConstraint],
+) -> FloatArray:
+    """The powers, not below zero, that minimise variances within limits, shape (lines,).
+
+    Parameters
+    ----------
+    base, factors
+        Information without lines, (parameters, parameters), and of each line with unit
+        power, (lines, parameters, 2).
+    weights
+        Of the parameters' variances, shape (parameters,); None for the volume.
+    limits
+        Linear limits on the powers; equalities apart from inequalities.
+
+    Raises
+    ------
+    InputError
+        If no powers keep the limits.
+    """
+    from scipy.optimize import minimize
+
+    forced = factors @ factors.transpose(0, 2, 1)
+
+    def cost(powers: FloatArray) -> tuple[float, FloatArray]:
+        """Logarithm of the mean variance, or of the volume for one parameter, and its slopes."""
+        covariance = np.linalg.inv(base + np.tensordot(powers, forced, 1))
+        if weights is None:
+            value, slopes = np.linalg.slogdet(covariance)[1] / len(base), covariance / len(base)
+        else:
+            mean = float(weights @ np.diag(covariance))
+            value, slopes = math.log(mean), (covariance * weights) @ covariance / mean
+        return float(value), -np.tensordot(forced, slopes, 2)
+
+    start, bounds = np.full(len(forced), 0.5), [(0.0, None)] * len(forced)
+    how: Any = {"method": "SLSQP", "options": {"maxiter": ITERATIONS, "ftol": TOLERANCE}}
+    found = minimize(cost, start, jac=True, bounds=bounds, constraints=limits, **how)
+    outside = max(-np.min(limit.residual(found.x)) for limit in limits)
+    if not (outside < KEPT and math.isfinite(found.fun)):
+        raise InputError(f"no powers of the lines keep these limits ({found.message}); widen them")
+    return np.asarray(np.maximum(found.x, 0.0))
+
+
+# ------------------------------------------------------------------------ errors and limits
+
+
+def _loop(
+    scenario: Scenario, signals: dict[str, Multisine], usual: FloatArray
+) -> tuple[LineInformation, dict[str, FloatArray], dict[str, float]]:
+    """What lines of unit power tell, and the variances of e and u by these and by the remnant.
+
+    Variances are over those of the reference, whose lines have the powers `usual`.
+    """
+    experiment, parts = experiment_of(scenario), []
+    for name, sines in signals.items():
+        cause = "target" if name == "ft" else "disturbance"
+        control = closed_loop(scenario, sines.omega).u[cause]
+        parts.append((sines.omega, *inputs_of(scenario, sines.omega, cause), control))
+    omega, e, x, u = map(np.concatenate, zip(*parts, strict=True))
+    grid = np.linspace(0.0, np.pi / scenario.dt, GRID + 1)
+    remnant = experiment.circulation(grid)
+    weights = np.full(GRID + 1, 1.0 / GRID) * remnant.density
+    weights[[0, -1]] *= 0.5
+    gains, free = {}, {}
+    noise = closed_loop(scenario, grid).u["remnant"]
+    for name, lines, noisy in (("e", e, remnant.error), ("u", u, noise)):
+        by_lines, alone = np.abs(lines) ** 2, float(weights @ np.abs(noisy) ** 2)
+        whole = alone + float(by_lines @ usual)
+        gains[name], free[name] = by_lines / whole, alone / whole
+    return line_information(experiment, omega, e, x), gains, free
+
+
+def _ends(signals: dict[str, Multisine]) -> list[int]:
+    """Where the lines of the second signal and later ones begin, among those of all."""
+    return [int(end) for end in np.cumsum([len(sines.lines) for sines in signals.values()])[:-1]]
+
+
+def _spectra(
+    signals: dict[str, Multisine], usual: FloatArray
+) -> tuple[FloatArray, list[FloatArray]]:
+    """The power of each signal over the reference's, and rows that are not to be above zero."""
+    wholes, shapes = [], []
+    for part in np.split(np.eye(usual.size), _ends(signals)):
+        own = part / float((part @ usual).sum())
+        whole, shares = own.sum(axis=0), own @ usual
+        wholes.append(whole)
+        for number, (line, share) in enumerate(zip(own, shares, strict=True)):
+            shapes += [line - max(LINE, share) * whole, FLOOR * share * whole - line]
+            # A hair of room: the reference itself is on all of these limits at once.
+            shapes.append(own[number:].sum(axis=0) - (shares[number:].sum() + 1e-6) * whole)
+    return np.array(wholes), shapes
+
+
+# ---------------------------------------------------------------------------------- phases
+
+
+def _with_phases(scenario: Scenario, signals: dict[str, Multisine], powers: FloatArray) -> Scenario:
+    """The scenario with the powers of a design, phases of low crest, and its remnant's power."""
+    rng, made = draw_rng(DEFAULT_SEED, "phases"), {}
+    parts = np.split(np.sqrt(2.0 * powers), _ends(signals))
+    for (name, sines), amplitudes in zip(signals.items(), parts, strict=True):
+        made[name] = low_crest(replace(sines, amplitudes=tuple(amplitudes.tolist())), rng)
+    digest = crc32(repr(made).encode() + repr(scenario).encode())
+    gain = white_level(scenario) / UNIT_LEVEL
+    return replace(
+        scenario,
+        name=f"design-{scenario.name}-{digest:08x}",
+        description=f"forcing functions designed for {scenario.name}",
+        target=made.get("ft"),
+        disturbance=made.get("fd"),
+        remnant=replace(scenario.remnant, level=gain, level_is="gain"),
+        family="",
+        varied="",
+    )
+
+
+def crest_of(sines: Multisine) -> float:
+    """Crest factor, the peak over the root mean square, of a sum of sines."""
+    amplitudes, phases = np.array(sines.amplitudes), np.array(sines.phases)
+    phasors = amplitudes * np.exp(1j * phases)
+    signal = np.imag(phasors @ _turns(np.array(sines.lines), 4 * SAMPLES))
+    return float(np.max(np.abs(signal)) / np.sqrt(0.5 * np.sum(amplitudes**2)))
+
+
+def low_crest(sines: Multisine, rng: np.random.Generator) -> Multisine:
+    """The same lines and amplitudes with phases of low crest, the best of several descents.
+
+    The first of them begins at Schroeder's phases.
+    """
+    from scipy.optimize import minimize
+
+    turns, amplitudes = _turns(np.array(sines.lines), SAMPLES), np.array(sines.amplitudes)
+    size = amplitudes / np.sqrt(0.5 * np.sum(amplitudes**2))
+    schroeder = -2.0 * np.pi * np.cumsum(np.cumsum(np.append(0.0, 0.5 * size[:-1] ** 2)))
+
+    def norm(phases: FloatArray, power: int) -> tuple[float, FloatArray]:
+        phasors = size * np.exp(1j * phases)
+        signal = np.imag(phasors @ turns)
+        peak = np.max(np.abs(signal))
+        weight = np.abs(signal / peak) ** (power - 2) * signal
+        total = float(weight @ signal)
+        # ln(norm) has the same minimum, and a scale that does not depend on the power.
+        value = np.log(peak) + np.log(total / peak**2) / power
+        return float(value), np.real(phasors * (turns @ weight)) / total
+
+    found = []
+    for start in (schroeder, *rng.uniform(-np.pi, np.pi, (STARTS - 1, size.size))):
+        phases = start
+        for power in NORMS:
+            phases = minimize(
+                norm, phases, (power,), "BFGS", jac=True, options={"maxiter": STEPS}
+            ).x
+        turned = np.angle(np.exp(1j * phases)).tolist()
+        found.append(replace(sines, phases=tuple(turned)))
+    return min(found, key=crest_of)
+
+
+def _turns(lines: FloatArray, density: int) -> ComplexArray:
+    """exp(j k w0 t) over a period, shape (lines, times)."""
+    count = int(density * np.max(lines))
+    return np.asarray(np.exp(2j * np.pi * np.outer(lines, np.arange(count)) / count))
+
+
+def scenario_of_fit(path: Path, scenario: Scenario | None = None) -> Scenario:
+    """The scenario in the JSON of ``pilotid fit --json``: pilot, loop, window, forcing functions.
+
+    Parameters
+    ----------
+    path
+        The file.
+    scenario
+        Where forcing functions and window are from; None for the recording's.
+
+    Raises
+    ------
+    InputError
+        If the file does not hold one recording with an estimate that can be simulated.
+    """
+    fitted = designed_scenario(path)
+    if scenario is None:
+        return fitted
+    own = {name: getattr(fitted, name) for name in ("model", "truth", "element", "remnant")}
+    name = f"{scenario.name}-{fitted.name}"[:60]
+    return replace(scenario, **own, name=name, family="", varied="")
+
+
+# ----------------------------------------------------------------------------------- files
+
+
+def write_files(folder: Path, made: Design, about: dict[str, Any], place: str = "") -> None:
+    """Write design.json and forcing.csv; a model that is not the catalogue's is found at `place`.
+
+    The measurement window begins at t = 0.  Before it the signals run on from the run-in's
+    beginning, where they are faded in; after it they are faded out.
+    """
+    scenario, names = made.scenario, ("errors", "reference_errors", "twice", "five_runs")
+    signals = {
+        name: {**asdict(sines), "omega": sines.omega.tolist(), "crest_factor": made.crest[name][0]}
+        for name, sines in sines_of(scenario).items()
+    }
+    held = {
+        **about,
+        "objective": {"minimise": made.minimise, "limits": made.limits},
+        "reference": made.reference.name,
+        "binding": made.binding,
+        **{name: getattr(made, name) for name in (*names, "costs")},
+        "signals": signals,
+        "scenario": scenario_json(scenario, place),
+    }
+    write_file(folder / "design.json", strict_json(held).encode())
+    time: FloatArray = scenario.dt * np.arange(
+        -round(max(scenario.run_in, FADE) / scenario.dt),
+        round((scenario.duration + FADE) / scenario.dt) + 1,
+        dtype=float,
+    )
+    near = np.clip(np.minimum(time - time[0], time[-1] - time) / FADE, 0.0, 1.0)
+    fade = 0.5 - 0.5 * np.cos(np.pi * near)
+    both = [np.zeros(time.size) if forcing is None else fade * forcing.at(time)
+            for forcing in (scenario.target, scenario.disturbance)]  # fmt: skip
+    rows = [[f"{value + 0.0:.9g}" for value in row] for row in np.column_stack([time, *both])]
+    write_file(folder / "forcing.csv", table_bytes(("t", "ft", "fd"), rows))

@@ -1,0 +1,521 @@
+"""What a user must know about a recording before believing any estimate from it.
+
+Every check looks at the signals alone, without a model of the pilot.  It is a row of `CHECKS`: a
+code, a limit, and a function that yields statistics, each with a sentence that says what is wrong
+and what to do; the first beyond the limit is told.  Limits were set so that no sound recording is
+remarked on: simulations of every scenario, and 110 files of recorded human pilots, stay below half
+of most of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from pilotid.checks.detectors import Finding, findings, step_of
+from pilotid.checks.plant import (
+    element_changes,
+    late,
+    opposed,
+    plant_of,
+    unrelated,
+)
+from pilotid.recording.recording import ABSENT, Recording, remembered, unit_sized
+from pilotid.recording.spectra import (
+    answers,
+    at_lines,
+    known_lines,
+    same_lines,
+    target_lines,
+)
+from pilotid.recording.windows import of_runs
+from pilotid.support.limits import ELEMENT, RECORDER, SIGNAL
+from pilotid.support.remarks import Remark, gravest_first
+from pilotid.support.types import BoolArray, FloatArray
+
+BLOCK = 5.0  # seconds whose mean is one observation of an offset
+Found = Iterator[tuple[float, str]]
+NameCheck = Callable[[Recording], Remark | None]
+#: Findings that tell why x seems not to answer to u and fd.
+RELATED = ("appended-runs", "late-signal", "gain-differs", "includes-fd", "rounded")
+
+
+class Check(NamedTuple):
+    """A row of the table: what is told where a statistic is beyond the limit."""
+
+    code: str
+    limit: float
+    find: Callable[[Recording], Found]
+
+    def __call__(self, recording: Recording) -> Remark | None:
+        """What the check says of a recording."""
+        told = (words for size, words in self.find(recording) if size > self.limit)
+        words = next(told, None)
+        return None if words is None else Remark(self.code, words)
+
+
+CHECKS: list[Check] = []
+
+
+def check(code: str, limit: float = 0.0) -> Callable[[Callable[[Recording], Found]], Check]:
+    """Put a function into the table."""
+
+    def listed(find: Callable[[Recording], Found]) -> Check:
+        CHECKS.append(Check(code, limit, find))
+        return CHECKS[-1]
+
+    return listed
+
+
+def remarks(recording: Recording) -> tuple[Remark, ...]:
+    """What was done to a recording and what is wrong with it, a sentence each.
+
+    Empty for a sound one that is as it was recorded.
+    """
+    sized = unit_sized(recording)
+    found = [row(recording) for row in CHECKS]
+    faults = [f for f in findings(sized) if f.grade != "note"]
+    related = any(f.code in RELATED and f.signal != "e" and not _turned(f) for f in faults)
+    named = _names_by_lines(sized, ABOUT_ERROR if related else ABOUT_ERROR + ABOUT_OUTPUT)
+    is_late = any(f.code == "late-signal" for f in faults)
+    if named and named.code in ("not-the-error", "wrong-unit") and is_late:
+        named = None  # that tells why e is not ft - x
+    if named:  # explains what times and gains seem to be
+        faults = [f for f in faults if f.code not in RELATED]
+    told = [named, *found, *(Remark(f.code, f.sentence, f.grade) for f in faults)]
+    treated = (
+        sentence if isinstance(sentence, Remark) else Remark("preprocessed", sentence)
+        for sentence in recording.treatment
+    )
+    return (*treated, *gravest_first(remark for remark in told if remark))
+
+
+def motionless(recording: Recording, name: str) -> bool:
+    """Whether a signal does not move in the measurement window of any run."""
+    window = recording.window(recording.input(name))
+    # By what they usually are: one spike would make all else look still.
+    size = max(_usual(recording, n) for n in {"e", "x", name})
+    return bool(np.all(np.std(window, axis=1) <= SIGNAL.still * size))
+
+
+@remembered
+def _usual(recording: Recording, name: str) -> float:
+    """Root mean square of a signal without the largest hundredth of its samples."""
+    square = recording.window(recording.input(name)).ravel() ** 2
+    count = max(1, round(0.99 * square.size))
+    square.partition(count - 1)
+    return float(np.sqrt(np.mean(square[:count])))
+
+
+@check("lost-samples", SIGNAL.spike)
+def _spikes(recording: Recording) -> Found:
+    """A sample far beyond all others is a code for a missing value, or a fault."""
+    for name in ("e", "u", "x", *recording.extra):
+        window = np.abs(recording.window(recording.input(name)))
+        usual = _usual(recording, name)
+        run, sample = divmod(int(np.argmax(window)), window.shape[1])
+        size = float(window[run, sample])
+        if usual > 0.0:
+            yield (
+                size / usual,
+                f"{name} is {_sized(recording, name, size)} at t = {sample * recording.dt:.4g} s "
+                f"of run {run + 1}, {size / usual:.2g} times its usual size: a code for a missing "
+                "value or a fault; repair it or leave that part out",
+            )
+
+
+@check("motionless")
+def _still(recording: Recording) -> Found:
+    names = [n for n in ("e", "x") if n in recording.signals and motionless(recording, n)]
+    which = " and ".join(names)
+    yield len(names), f"{which} does not move: map it to the recorded signal, or record it"
+
+
+def _turned(fault: Finding) -> bool:
+    """Whether fd has another sign and the same size, which `opposed` tells with more certainty."""
+    return fault.code == "gain-differs" and abs(fault.size + 1.0) <= RECORDER.gain
+
+
+def _names_by_lines(recording: Recording, checks: Sequence[NameCheck]) -> Remark | None:
+    """`_names` of runs whose forcing functions have the same lines, which it takes for granted.
+
+    Where e is not ft - x for no reason that all runs share, each run is asked.
+    """
+    groups = same_lines(recording)
+    whole = _names(recording, checks) if len(groups) == 1 else None
+    if len(groups) == 1 and (whole is None or whole.code != "not-the-error"):
+        return whole
+    if whole:
+        groups = tuple((run,) for run in range(recording.runs))
+    found = []
+    for group in groups:
+        words = f"{'run' if len(group) == 1 else 'runs'} {', '.join(str(1 + run) for run in group)}"
+        found.append((words, _names(of_runs(recording, [1 + run for run in group], words), checks)))
+    wrong = [(words, told) for words, told in found if told]
+    if not wrong or (whole and len(wrong) == len(found)):
+        return whole
+    words, told = wrong[0]
+    fault, _, cure = told.partition("; ")
+    if len(wrong) < len(found):  # --map would change the other runs as well
+        cure = f"mend {words} in the file, or leave {words} out with --runs"
+    return Remark(told.code, f"{words}: {fault}; {cure}", told.grade)
+
+
+def _names(recording: Recording, checks: Sequence[NameCheck]) -> Remark | None:
+    """Units, names and signs: the first thing that is wrong explains the others."""
+    if motionless(recording, "e"):
+        return None
+    if recording.origin.get("x") == ABSENT or motionless(recording, "x"):
+        return None
+    return next(filter(None, (check(recording) for check in checks)), None)
+
+
+@check("lost-samples", 1.0)
+def _held(recording: Recording) -> Found:
+    for name, longest in (("e", SIGNAL.hold_e), ("x", SIGNAL.hold_x), ("u", SIGNAL.hold_u)):
+        if motionless(recording, name):
+            continue
+        window = recording.window(recording.input(name))
+        least = SIGNAL.jump * step_of(window)
+        for run, row in enumerate(window):
+            first, count = _longest_run(np.diff(row) == 0.0)
+            # What rounding holds goes on by a step.
+            around = row[[max(first - 1, 0), min(first + count + 1, row.size - 1)]]
+            if np.max(np.abs(around - row[first])) > least:
+                yield (
+                    count * recording.dt / longest,
+                    f"{name} keeps one value for {count * recording.dt:.3g} s from "
+                    f"t = {first * recording.dt:.4g} s on in run {run + 1}: samples seem to be "
+                    "lost; leave that part or that run out",
+                )
+
+
+@check("clipped", SIGNAL.at_extreme)
+def _clipped(recording: Recording) -> Found:
+    window = recording.window(recording.u)
+    ends = window.max(axis=1, keepdims=True), window.min(axis=1, keepdims=True)
+    share = np.mean((window == ends[0]) | (window == ends[1]), axis=1)
+    run = int(np.argmax(share))
+    yield (
+        float(share[run]),
+        f"u is at its largest or smallest value in {100.0 * share[run]:.0f} % of run {run + 1}: it "
+        "is clipped or has few levels, and no linear model describes it",
+    )
+
+
+@check("drift", SIGNAL.drift)
+def _drifting(recording: Recording) -> Found:
+    """A trend of the control that no signal of the loop shares was added by the recorder."""
+    names = [n for n in ("e", "x", "ft", "fd") if getattr(recording, n) is not None]
+    for run in range(recording.runs):
+        u = recording.window(recording.u)[run]
+        signals = [recording.window(recording.input(n))[run] for n in names]
+        trend = np.linspace(-0.5, 0.5, u.size)
+        basis = _orthonormal([np.ones_like(u), *signals])
+        own, left = (v - basis @ (basis.T @ v) for v in (trend, u))
+        if own @ own < SIGNAL.own_trend * (trend @ trend):
+            continue  # a signal of the loop is a trend itself
+        slope = float(own @ left) / float(own @ own)
+        rest = max(float(np.std(left - slope * own)), 1e-300)
+        # What the loop's own trends could have made of it as well counts for nothing.
+        share = float(np.sqrt((own @ own) / (trend @ trend)))
+        yield (
+            abs(slope) * share / rest / max(1.0, (82.0 / recording.duration) ** 1.5),
+            f"u drifts by {_sized(recording, 'u', slope)} over run {run + 1}, "
+            f"{abs(slope) / rest:.1f} standard deviations of the rest, and no other signal does: "
+            "take it out with --detrend",
+        )
+
+
+@check("offset", SIGNAL.offset)
+def _offset(recording: Recording) -> Found:
+    """A t-test of the control's mean, by blocks so long that the remnant forgets itself."""
+    length = round(BLOCK / recording.dt)
+    window = recording.window(recording.u)
+    count = window.shape[1] // length
+    blocks = window[:, : count * length].reshape(recording.runs, count, length).mean(axis=2)
+    if blocks.size >= 6:
+        mean, error = float(np.mean(blocks)), float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
+        yield (
+            abs(mean) / max(error, 1e-300),
+            f"u has an offset of {_sized(recording, 'u', mean)}, which biases methods that do not "
+            "model one: remove it",
+        )
+
+
+def _sized(recording: Recording, name: str, value: float) -> str:
+    """A value with the unit of its signal."""
+    return f"{value:.3g} {recording.units.get(name, '')}".rstrip()
+
+
+def _orthonormal(columns: Sequence[FloatArray]) -> FloatArray:
+    """A basis of what the columns span, shape (samples, dimensions)."""
+    table = np.stack([c / (np.linalg.norm(c) or 1.0) for c in columns], axis=1)
+    left, size, _ = np.linalg.svd(table, full_matrices=False)
+    return np.asarray(left[:, size > 1e-6 * size[0]])
+
+
+def _longest_run(held: BoolArray) -> tuple[int, int]:
+    """Where the longest run of true entries begins, and its length."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(int)))
+    begins, ends = edges[::2], edges[1::2]
+    if not begins.size:
+        return 0, 0
+    longest = int(np.argmax(ends - begins))
+    return int(begins[longest]), int(ends[longest] - begins[longest])
+
+
+def not_the_error(recording: Recording) -> Remark | None:
+    """The error of a compensatory task is the target less the output."""
+    if recording.ft is None:
+        return _without_target(recording)
+    e, x, ft = (recording.window(s) for s in (recording.e, recording.x, recording.ft))
+    size = _rms(e)
+    off = _rms(e - (ft - x))
+    if off <= SIGNAL.identity * size or size == 0.0:
+        return None
+    for code, what, trial, advice in (
+        ("wrong-sign", "e has the wrong sign", -e - (ft - x), _flip(recording, "e")),
+        ("wrong-sign", "x has the wrong sign", e - (ft + x), _flip(recording, "x")),
+        ("wrong-sign", "ft has the wrong sign", e - (-ft - x), _flip(recording, "ft")),
+        (
+            "not-the-error",
+            "e and ft - x differ by a constant",
+            _centred(e - (ft - x)),
+            "remove the offset",
+        ),
+    ):
+        if _rms(trial) <= SIGNAL.identity * size:
+            return Remark(code, f"e is not ft - x: {what}; {advice}")
+    for name, wanted, given in (("x", ft - e, x), ("e", ft - x, e), ("ft", e + x, ft)):
+        factor = float(np.sum(wanted * given) / (np.sum(given**2) or 1.0))
+        if _rms(wanted - factor * given) <= SIGNAL.identity * _rms(wanted) and factor:
+            return Remark("wrong-unit", f"e is not ft - x: {_scaled(recording, name, factor)}")
+    return Remark(
+        "not-the-error",
+        f"e is not ft - x: they differ by {100.0 * off / size:.3g} % of e; check signs, units and "
+        "the names that --map gives",
+    )
+
+
+def _without_target(recording: Recording) -> Remark | None:
+    """What the disturbance does to the output it does to the error, with the other sign."""
+    factor = _at_disturbance(recording)
+    if factor is None or abs(factor - 1.0) <= SIGNAL.scaled:
+        return None
+    if abs(factor + 1.0) <= SIGNAL.scaled:
+        return Remark(
+            "wrong-sign",
+            "e and x have the same sign at the lines of fd, though e = ft - x; flip one of them, "
+            f"with --map {recording.flipped('e')} or --map {recording.flipped('x')}",
+        )
+    return Remark(
+        "wrong-unit", f"e is not -x at the lines of fd: {_scaled(recording, 'x', factor)}"
+    )
+
+
+def _at_disturbance(recording: Recording) -> float | None:
+    """What x must be multiplied with to be -e at the lines of fd; None if they do not tell."""
+    every = known_lines(recording)
+    if "fd" not in every:
+        return None
+    error, output = (
+        np.fft.rfft(recording.window(signal))[:, every["fd"]]
+        for signal in (recording.e, recording.x)
+    )
+    if not np.abs(output).all():
+        return None
+    # Remnant and transients are in both alike; a target that is no multisine makes them differ.
+    factors = -error / output
+    middle = float(np.median(factors.real))
+    off = float(np.median(np.abs(factors - middle)))
+    return middle if off <= SIGNAL.same_factor * abs(middle) else None
+
+
+def _scaled(recording: Recording, name: str, factor: float) -> str:
+    for ratio, units in ((180.0 / np.pi, "radians"), (np.pi / 180.0, "degrees")):
+        if abs(factor / ratio - 1.0) <= SIGNAL.identity:
+            other = "degrees" if units == "radians" else "radians"
+            cure = recording.scaled(name, ratio)
+            return f"{name} is in {units} and the others are in {other}; convert it: --map {cure}"
+    return (
+        f"{name} is {1.0 / factor:.4g} times what the others make it, so the units differ; give "
+        f"all in one unit, for example with --map {recording.scaled(name, float(f'{factor:.4g}'))}"
+    )
+
+
+def units_differ(recording: Recording) -> Remark | None:
+    """Units that the file gives must be one for error, output and target."""
+    given = {n: u for n in ("e", "x", "ft") if (u := recording.units.get(n)) and n != u}
+    if len(set(given.values())) < 2:
+        return None
+    words = ", ".join(f"{name} in {unit}" for name, unit in given.items())
+    return Remark(
+        "wrong-unit",
+        f"the file gives {words}; e = ft - x takes one unit: convert, or correct what it says",
+    )
+
+
+def exchanged(recording: Recording) -> Remark | None:
+    """A loop cannot follow the fast lines of a target, so that the error shows all of them."""
+    lines = target_lines(recording)
+    if lines is None or recording.ft is None:
+        return None
+    fast = lines["ft"][lines["ft"].size // 2 :]
+    fast = fast[fast > SIGNAL.fastest_loop * recording.duration / (2.0 * np.pi)]
+    if not fast.size:
+        return None
+    error, noise = at_lines(recording, recording.e, fast, lines)
+    target = np.fft.rfft(recording.window(recording.ft))[:, fast]
+    weight = np.abs(target) ** 2 / noise
+    shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
+    told = _is_answer(recording, recording.e)
+    if shown >= SIGNAL.shown or told is False:
+        return None
+    return Remark(
+        "exchanged",
+        f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows"
+        f"{', and answers to u as x should' if told else ''}: e and x seem to be exchanged"
+        f"{'' if told else ', unless the target is seen ahead'}; {_exchange(recording)}",
+        "wrong" if told else "doubt",
+    )
+
+
+def _is_answer(recording: Recording, other: FloatArray) -> bool | None:
+    """Whether another signal than x is the element's answer to u; None if nothing tells.
+
+    People who see a target ahead follow its fast lines, but x still answers to u: with coherence
+    at all frequencies, or at the target's lines if a disturbance may not be recorded.
+    """
+    plants = [plant_of(replace(recording, x=x, e=recording.x)) for x in (recording.x, other)]
+    own, turned = (
+        (plant.polarity if recording.fd is None else plant.mean_coherence) if plant else 0.0
+        for plant in plants
+    )
+    return turned > own if turned != own else None
+
+
+def _exchange(recording: Recording) -> str:
+    """How to exchange the names of e and x, of which one may follow from the other."""
+    places = {name: recording.origin.get(name, name) for name in ("e", "x")}
+    for name, other in (("e", "x"), ("x", "e")):
+        if places[name] == f"ft - {other}":
+            if places[other] == other:
+                return f"name the column {other} {name} in the file"
+            return f"map that column to {name} alone: --map {name}={places[other]}"
+    return f"correct the names with --map e={places['x']},x={places['e']}"
+
+
+def _flip(recording: Recording, name: str) -> str:
+    return f"flip it with --map {recording.flipped(name)}"
+
+
+def _rms(signal: FloatArray) -> float:
+    return float(np.sqrt(np.mean(signal**2)))
+
+
+def _centred(signal: FloatArray) -> FloatArray:
+    return np.asarray(signal - signal.mean(axis=1, keepdims=True))
+
+
+#: Units, names and signs, by e = ft - x and by x as the answer to u and fd.
+ABOUT_ERROR: tuple[NameCheck, ...] = (not_the_error, units_differ, exchanged)
+ABOUT_OUTPUT: tuple[NameCheck, ...] = (late, opposed, element_changes, unrelated)
+
+FEWEST_BANDS = 4
+BY_SIZE = 3  # runs from which a scatter can be told
+
+
+@check("unlike-runs", 1.0)
+def unlike(recording: Recording) -> Found:
+    """One run that is not of the same condition as the others."""
+    if recording.runs >= 2:
+        yield from _other_element(recording)
+    if recording.runs >= BY_SIZE and len(same_lines(recording)) == 1:
+        yield from _other_size(recording)
+
+
+def _other_element(recording: Recording) -> Found:
+    """The output holds no noise, so that the element of every run shows by itself."""
+    plants = [plant_of(recording, run) for run in range(recording.runs)]
+    known = [plant for plant in plants if plant is not None]
+    if len(known) < recording.runs:
+        return
+    good = np.all([plant.coherence >= ELEMENT.coherent for plant in known], axis=0)
+    if np.count_nonzero(good) < FEWEST_BANDS:
+        return
+    size = np.array([np.log(np.abs(plant.response[good])) for plant in known])
+    # A band in which one run differs may lie at a resonance; an element differs in most.
+    middle = np.median(size, axis=0) if recording.runs > 2 else size[0]
+    apart = np.median(np.abs(size - middle), axis=1)
+    run = int(np.argmax(apart))
+    yield (
+        float(apart[run] / np.log(SIGNAL.unlike_element)),
+        f"the controlled element of run {run + 1} differs from that of the "
+        f"other{'s' * (recording.runs > 2)} by a factor of {np.exp(apart[run]):.2g}: they are not "
+        "of one condition, or not in one unit; leave it out, or fit runs one by one",
+    )
+
+
+def _other_size(recording: Recording) -> Found:
+    """A run in which a signal is far larger or smaller than in the others."""
+    for name in ("u", "e", "x", *recording.extra):
+        spread = np.std(recording.window(recording.input(name)), axis=1)
+        if name not in recording.signals or not spread.all():
+            continue
+        size = np.log(spread)
+        for run in range(recording.runs):
+            others = np.delete(size, run)
+            off = float(size[run] - np.mean(others))
+            scatter = float(np.hypot(np.std(others, ddof=1), SIGNAL.least_scatter))
+            yield (
+                abs(off) / max(np.log(SIGNAL.unlike_size), SIGNAL.unlike_scatters * scatter),
+                f"{name} of run {run + 1} is {np.exp(off):.2g} times as large as in the other "
+                "runs, which differ far less among themselves: it is not of their condition, "
+                "or was not flown through; leave it out",
+            )
+
+
+@check("forcing-unanswered", -SIGNAL.answered)
+def unanswered(recording: Recording) -> Found:
+    """A control that holds nothing of the forcing functions identifies nobody."""
+    found = answers(recording) if recording.duration >= SIGNAL.answered_from else {}
+    if found:
+        coherence = max(float(np.median(a.coherence)) for a in found.values())
+        yield (
+            -max(a.strength for a in found.values()),
+            f"u does not answer to {' and '.join(found)}: at the lines it is no larger than beside "
+            f"them (coherence {coherence:.2f}); u belongs to another run, or the remnant is too "
+            "large to identify the pilot",
+        )
+
+
+@check("repeated-samples", SIGNAL.values - 1)
+def repeated(recording: Recording) -> Found:
+    """Noise does not come twice: a stretch that does was copied."""
+    length = round(SIGNAL.repeated / recording.dt)
+    window = np.ascontiguousarray(recording.window(recording.u) + 0.0)  # no negative zero
+    if window.shape[1] <= length:
+        return
+    places = window.shape[1] - length + 1
+    changes = np.cumsum(np.diff(window, axis=1, prepend=window[:, :1]) != 0.0, axis=1)
+    is_lively = changes[:, length - 1 :] - changes[:, :places] >= SIGNAL.values - 1
+    # Equal stretches have equal sums of products with any numbers, modulo 2^64.
+    weights = np.random.default_rng(0).integers(2**63, size=length, dtype=np.uint64)
+    prints = np.array([np.correlate(row, weights, "valid") for row in window.view(np.uint64)])
+    candidates = np.flatnonzero(is_lively)
+    candidates = candidates[np.argsort(prints.ravel()[candidates], kind="stable")]
+    same = np.flatnonzero(np.diff(prints.ravel()[candidates]) == 0)
+    for first, second in sorted(zip(candidates[same], candidates[same + 1], strict=True)):
+        (run, a), (again, b) = divmod(first, places), divmod(second, places)
+        stretch = window[run, a : a + length]
+        if np.array_equal(stretch, window[again, b : b + length]):
+            yield (
+                np.unique(stretch).size,
+                f"u from t = {a * recording.dt:.4g} s on in run {run + 1} comes again, to "
+                f"the last digit, from t = {b * recording.dt:.4g} s on in run {again + 1}: "
+                "a part was recorded or copied twice; leave it out",
+            )

@@ -1,0 +1,574 @@
+"""What a recorder did to signals, each fault with its size.
+
+Nothing here knows a model of the pilot.  Each detector rests on what a sound recording has
+whoever flies: spectra fall smoothly, x is the smooth answer of an element to u + fd, and
+e = ft - x.  Limits stand in `pilotid.support.limits`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from hashlib import sha256
+from itertools import pairwise, permutations
+
+import numpy as np
+
+from pilotid.checks.element_forms import (
+    fits_of,
+    forms_fitted,
+    simplest,
+    spectra_in_window,
+    spectra_of,
+)
+from pilotid.checks.timing import (
+    Answered,
+    Relation,
+    answered,
+    derivatives,
+    regression,
+    shifted,
+)
+from pilotid.model.element import parsed_element
+from pilotid.recording.recording import Recording, remembered
+from pilotid.recording.spectra import floors_of
+from pilotid.support.limits import ELEMENT, RECORDER
+from pilotid.support.remarks import GRADES, Grade, Remark
+from pilotid.support.types import ComplexArray, FloatArray
+
+LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
+FEWEST = 10  # bins of all runs in a band, of which its level is told
+OTHERWISE = "e = ft - x does not hold otherwise"
+MOVES = "x would not be their answer otherwise"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A fault of the recorder.
+
+    Attributes
+    ----------
+    code, signal
+        What it is, see `pilotid.support.remarks.CODES`, and of which signal.
+    grade
+        ``wrong`` if a fit is wrong for it, ``doubt`` if it may be, ``note`` if fits allow for it.
+    size, unit
+        How large it is.
+    sentence
+        What is wrong, how large it is, and what to do.
+    usable
+        Highest frequency up to which the signal can be used [Hz].
+    """
+
+    code: str
+    signal: str
+    grade: Grade
+    size: float
+    unit: str
+    sentence: str
+    usable: float = math.inf
+
+
+@remembered
+def findings(recording: Recording) -> tuple[Finding, ...]:
+    """All faults of the recorder that the signals show, the gravest first."""
+    moving = _moving(recording)
+    if not {"e", "u"} <= set(moving):
+        return ()
+    with np.errstate(all="ignore"):  # a signal may be of any size
+        found = _found(_Look(recording, moving), _ends(recording))
+    once = {(f.code, f.signal): f for f in reversed(found)}
+    return tuple(sorted(once.values(), key=lambda finding: GRADES.index(finding.grade)))
+
+
+def _found(look: _Look, ends: Sequence[Finding]) -> list[Finding]:
+    found = list(ends)
+    found += [*look.lost(found), *look.floors(), *look.steps()]
+    if not any(f.code in ("lost-samples", "appended-runs") for f in found):
+        found += look.identity()
+        found += look.times(found)
+    return found + list(look.copies())
+
+
+@remembered
+def _ends(recording: Recording) -> tuple[Finding, ...]:
+    """What ends the band of a signal, so that nothing is left of it above."""
+    with np.errstate(all="ignore"):
+        look = _Look(recording, _moving(recording))
+        return (*look.falls(), *look.grids())
+
+
+def band_end(recording: Recording) -> float:
+    """Frequency above which a filter or an interpolation left nothing of a signal [rad/s]."""
+    return 2.0 * math.pi * min((f.usable for f in _ends(recording)), default=math.inf)
+
+
+def _moving(recording: Recording) -> dict[str, FloatArray]:
+    signals = {name: recording.window(recording.input(name)) for name in recording.signals}
+    return {name: s for name, s in signals.items() if np.any(np.diff(s, axis=1))}
+
+
+class _Look:
+    """The signals of a recording that move, and what several detectors use of them."""
+
+    def __init__(self, recording: Recording, signals: dict[str, FloatArray]) -> None:
+        self.recording, self.signals, self.dt = recording, signals, recording.dt
+        self.samples = recording.samples
+        self.bands = _bands(self.samples, self.dt)
+        self.hertz = np.array([math.sqrt(a * b) for a, b in self.bands]) / recording.duration
+        self.bins = np.diff(self.bands, axis=1).ravel() * len(recording.u)
+        self.spectra = {name: _transform(signal) for name, signal in signals.items()}
+        self.power = {name: self._power(spectrum) for name, spectrum in self.spectra.items()}
+        self.units = {name: recording.units.get(name, "") for name in signals}
+
+    def _power(self, spectrum: ComplexArray) -> FloatArray:
+        density = np.mean(np.abs(spectrum) ** 2, axis=0)
+        return np.array([np.median(density[a:b]) for a, b in self.bands]) + 1e-300
+
+    @property
+    def drive(self) -> FloatArray:
+        """What the element answers to."""
+        return self.signals["u"] + self.signals.get("fd", 0.0)
+
+    def falls(self) -> Iterator[Finding]:
+        """Low-pass filters: spectra of pilots and elements fall, but nowhere that steeply."""
+        if self.hertz.size < 10:
+            return
+        for which, name in enumerate(("u", "x")):
+            if name not in self.signals:
+                continue
+            level = 10.0 * np.log10(self.power[name])
+            slope, at = level[3:] - level[:-3], self.hertz[:-3]
+            known = (at > 1.0) & (self.bins[:-3] >= FEWEST)
+            if not known.any():
+                continue
+            steepest = first = int(np.argmin(np.where(known, slope, 0.0)))
+            between = known[:-3] & (self.hertz[:-6] < 9.0)
+            octave = float(np.min((level[6:] - level[:-6])[between], initial=0.0))
+            half = RECORDER.half_octave[which]
+            if slope[steepest] >= half and octave >= RECORDER.octave[which]:
+                continue
+            while first > 0 and slope[first - 1] < RECORDER.goes_on:
+                first -= 1
+            usable = float(at[first])
+            # Between the lines of a recording without remnant there is next to nothing anyway.
+            density = 10.0 * np.log10(np.mean(np.abs(self.spectra[name]) ** 2, axis=0) + 1e-300)
+            out = [np.max(density[begin:end]) for begin, end in self.bands] - level
+            if np.max(out) > RECORDER.lines[0] or np.max(out[steepest + 3 :]) > RECORDER.lines[1]:
+                continue
+            words = (
+                f"{name} is usable up to {usable:.2g} Hz: a low-pass filter or an interpolation "
+                "begins there; fits end there, and record without it, or with the same causal "
+                "filter on all signals"
+            )
+            grade: Grade = "note" if usable >= RECORDER.enough else "doubt"
+            yield Finding("low-pass", name, grade, usable, "Hz", words, usable)
+
+    def grids(self) -> Iterator[Finding]:
+        """Signals resampled from a lower rate: every k-th difference is small."""
+        for name in ("e", "u", "x", *self.recording.extra):
+            if name not in self.signals:
+                continue
+            score, step, order = _grid(self.signals[name])
+            if score <= RECORDER.grid or not step:
+                continue
+            rate, usable = 1.0 / (step * self.dt), 0.25 / (step * self.dt)
+            how = {1: "held", 2: "linearly interpolated", 4: "interpolated by cubics"}[order]
+            words = (
+                f"{name} is usable up to {usable:.2g} Hz: it was recorded at {rate:.3g} Hz and "
+                f"{how} between; give the samples as they were recorded"
+            )
+            grade: Grade = "note" if usable >= RECORDER.enough else "doubt"
+            yield Finding("resampled", name, grade, rate, "Hz", words, usable)
+
+    def steps(self) -> Iterator[Finding]:
+        """Rounding, by a converter or by the decimals of a text file."""
+        for name in ("e", "u", "x", *self.recording.extra):
+            if name not in self.signals:
+                continue
+            step, rms = step_of(self.signals[name]), float(np.std(self.signals[name]))
+            if step > RECORDER.lattice * rms:
+                words = f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms"
+                coarse = step > RECORDER.coarse * rms
+                if coarse:
+                    words += (
+                        ": small movements are lost, and the controlled element may not show; "
+                        "record with finer steps, and name the element with --element"
+                    )
+                grade: Grade = "doubt" if coarse else "note"
+                yield Finding("rounded", name, grade, step, self.units[name], words)
+
+    def floors(self) -> Iterator[Finding]:
+        """White noise, whose spectrum is flat where that of a loop falls."""
+        own = self._unanswered > RECORDER.unanswered
+        floors = floors_of(self.recording)
+        for name in ("x", "e"):
+            if name not in self.signals or not self._slope(name) > RECORDER.flat:
+                continue
+            if not own and not (name == "e" and self._apart > RECORDER.own):
+                continue
+            usable = floors.usable((name,)) / (2.0 * math.pi)
+            size = math.sqrt(floors.floor[name] * math.pi / self.dt)
+            words = (
+                f"{name} is usable up to {usable:.2g} Hz: it is met by a floor there, of noise or "
+                f"rounding of {size:.2g} {self.units[name]}".rstrip()
+                + "; mle allows for it; record with less noise or more digits to use more"
+            )
+            grade: Grade = "note" if usable >= 1.0 else "doubt"
+            yield Finding("noise", name, grade, size, self.units[name], words, usable)
+
+    @property
+    def _apart(self) -> float:
+        """Root mean square of e - (ft - x) over that of e; 0 where it cannot be told."""
+        if not {"x", "ft"} <= set(self.signals):
+            return 0.0
+        e, x, ft = (self.signals[n] for n in ("e", "x", "ft"))
+        return float(np.std(e - ft + x) / np.std(e))
+
+    def _slope(self, name: str) -> float:
+        """Slope of the upper part of a spectrum [dB an octave]; NaN if it is too short."""
+        top = self.hertz > 0.35 * self.hertz[-1] if self.hertz.size else np.zeros(0, dtype=bool)
+        if np.count_nonzero(top) < 4:
+            return math.nan
+        return float(
+            np.polyfit(np.log2(self.hertz[top]), 10 * np.log10(self.power[name][top]), 1)[0]
+        )
+
+    @property
+    def _unanswered(self) -> float:
+        """Share of x that is no smooth answer to the drive, in the upper half of the bands.
+
+        In each band the answer is a polynomial of order two in frequency times the drive.
+        """
+        if "x" not in self.signals or not self.bands:
+            return 1.0
+        output, drive = self.spectra["x"], _transform(self.drive)
+        first, last = 0.35 * self.hertz[-1], 0.75 * self.hertz[-1]
+        shares = []
+        for (a, b), at in zip(self.bands, self.hertz, strict=True):
+            if not first < at < last or len(output) * (b - a) < 9:
+                continue
+            along = np.linspace(-1.0, 1.0, b - a)
+            columns = np.stack([drive[:, a:b] * along**i for i in range(3)], axis=-1).reshape(-1, 3)
+            wanted = output[:, a:b].ravel()
+            size = np.abs(wanted)
+            weight = 1.0 / np.maximum(size, np.median(size) + 1e-300)  # lines must not rule
+            weighted, target = columns * weight[:, None], wanted * weight
+            left = target - weighted @ np.linalg.lstsq(weighted, target, rcond=None)[0]
+            total = float(np.mean(np.abs(target) ** 2)) or 1.0
+            shares.append(float(np.sum(np.abs(left) ** 2)) / (len(left) - 3) / total)
+        return float(np.median(shares)) if shares else 1.0
+
+    def lost(self, found: Sequence[Finding]) -> Iterator[Finding]:
+        """Samples of x lost, repeated or spiked: x cannot be told from its past and its drive."""
+        forced = [self.signals[n] for n in ("ft", "fd") if n in self.signals]
+        if "x" not in self.signals or any(_is_stepped(signal) for signal in forced):
+            return
+        if any(f.signal == "x" and f.code == "resampled" for f in found):
+            return
+        ratio, share, count, run, sample = _outliers(self.signals["x"], self.drive)
+        # What stands still between steps of a converter is told without error.
+        rms = float(np.std(self.signals["x"]))
+        least = max(
+            RECORDER.outlier[1], RECORDER.converter_steps * step_of(self.signals["x"]) / rms
+        )
+        if ratio > RECORDER.outlier[0] and share > least:
+            at = sample * self.dt
+            if any(_begins_again(signal, sample) for signal in forced):
+                words = (
+                    f"x jumps at t = {at:.4g} s, where the forcing functions begin again: several "
+                    f"runs follow one another as one; give each a column, or take one of them, for "
+                    f"example with --span 0:{at:.6g}"
+                )
+                yield Finding("appended-runs", "x", "wrong", at, "s", words)
+                return
+            words = (
+                f"x jumps at {count} samples, first at t = {at:.4g} s of run "
+                f"{run + 1}, by up to {100.0 * share:.2g} % of its rms where u + fd do not: "
+                "samples are lost or spiked; leave these parts out"
+            )
+            yield Finding("lost-samples", "x", "wrong", float(count), "samples", words)
+
+    def identity(self) -> Iterator[Finding]:
+        """E = ft - x: how much later than in e target and output are recorded."""
+        if not {"x", "ft"} <= set(self.signals) or _is_stepped(self.signals["ft"]):
+            return
+        e, x, ft = (self.signals[n] for n in ("e", "x", "ft"))
+        if self._apart < RECORDER.own:
+            return
+        every = max(1, round(0.045 / self.dt))
+        (error,), (output, rate), (target, speed) = (
+            [d[:, ::every] for d in derivatives(s, self.dt, order)]
+            for s, order in ((e, 0), (x, 1), (ft, 1))
+        )
+        values, errors, left = regression(
+            error, [target, -output, -speed, rate, np.ones_like(error)], every * self.dt
+        )
+        if not left < 0.01 or min(abs(values[0]), abs(values[1])) < 0.5:
+            return
+        least = np.maximum(RECORDER.errors * errors[2:4], RECORDER.identity * self.dt)
+        late = -values[2:4] / values[:2]
+        if np.all(np.abs(late) > least) and abs(late[0] - late[1]) <= least.max():
+            yield _late("e", "ft - x", -float(late.mean()), self.dt, OTHERWISE)
+            return
+        for name, own, limit in zip(("ft", "x"), late.tolist(), least.tolist(), strict=True):
+            if abs(own) > limit:
+                yield _late(name, "e", own, self.dt, OTHERWISE)
+
+    def times(self, found: Sequence[Finding]) -> Iterator[Finding]:
+        """Times of u, fd and x against one another, and what the drive holds of fd."""
+        if "x" not in self.signals:
+            return
+        late = list(self._against_forcing(found))
+        yield from late
+        if not any(f.code == "late-signal" for f in (*late, *found)):
+            yield from self._against_element()
+
+    def _against_forcing(self, found: Sequence[Finding]) -> Iterator[Finding]:
+        """Times and gains of u and fd against one another, whatever the element is."""
+        if "fd" not in self.signals or _is_stepped(self.signals["fd"]):
+            return
+        best = Relation(self.signals, self.dt).best()
+        if not best.left < RECORDER.left:
+            return
+        # Noise on x, which stands on the right-hand side, moves times and shares.
+        biased = RECORDER.biased * best.left
+        noisy = any(f.signal == "x" and f.code in ("noise", "resampled") for f in found)
+        least = max(RECORDER.errors * best.error, RECORDER.apart[0] * self.dt, RECORDER.apart[1])
+        if best.error < RECORDER.told and abs(best.late) > least + biased:
+            # Where x answers to the two before fd moves, fd is late and u is not.
+            answer = self._answer(best.late) if best.late < 0.0 else None
+            if answer and abs(answer.late - best.late) < abs(answer.late):
+                yield _late("fd", "u", -best.late, self.dt, MOVES)
+            else:
+                yield _late("u", "fd", best.late, self.dt, MOVES)
+        off = abs(best.share - 1.0)
+        least = RECORDER.errors * best.share_error
+        if (
+            not (noisy and best.left > RECORDER.exact)
+            and best.share_error < 0.05 * max(1.0, abs(best.share))
+            and off > max(least, RECORDER.gain)
+        ):
+            if abs(best.share) <= max(least, RECORDER.no_share):
+                words = "u includes fd: x is the answer to u alone; subtract fd from u"
+                yield Finding("includes-fd", "u", "wrong", best.share, "", words)
+                return
+            factor, why = (
+                float(f"{best.share:.3g}"),
+                "the gain of fd, or that of u, is not as recorded",
+            )
+            for ratio, unit in ((180.0 / math.pi, "radians"), (math.pi / 180.0, "degrees")):
+                if abs(best.share / ratio - 1.0) <= RECORDER.unit:
+                    factor, why = ratio, f"fd is in {unit} and u is not"
+            words = (
+                f"x answers to u {best.share:+.3g} fd: {why}; "
+                f"use --map {self.recording.scaled('fd', factor)}"
+            )
+            yield Finding("gain-differs", "u", "doubt", best.share, "", words)
+
+    def _answer(self, moved: float = 0.0) -> Answered | None:
+        """How much later x answers than its element says, to u taken so much earlier, and fd."""
+        element = parsed_element(self.recording.controlled_element)
+        if moved:
+            own = self.signals["u"]
+            drive = self.drive - own + shifted(own, self.dt, moved)
+            spectra = spectra_of(self.dt, drive, self.signals["x"])
+        else:
+            spectra = spectra_in_window(self.recording)
+        if element is not None:
+            return answered(spectra, element)
+        fits = forms_fitted(spectra, self.dt) if moved else fits_of(self.recording)
+        best = simplest(fits) if fits else None
+        if best is None or best.explained < ELEMENT.sound:
+            return None
+        return Answered(float(best.values[-1]), math.sqrt(best.covariance[-1, -1]))
+
+    def _against_element(self) -> Iterator[Finding]:
+        """X against the answer of the element that the recording names, or else shows.
+
+        What it shows tells nothing of an x that is late: the element may have that delay.
+        """
+        answer, named = self._answer(), parsed_element(self.recording.controlled_element)
+        if answer is None or not answer.error < RECORDER.told:
+            return
+        late, u = answer.late, self.signals["u"]
+        noise = (step_of(u) / float(np.std(u))) ** 2 / 12.0  # of rounding, as a share of u
+        least = RECORDER.biased * noise + max(
+            RECORDER.errors * answer.error, RECORDER.answer[0] * self.dt, RECORDER.answer[1]
+        )
+        if named is None and late < -least:
+            yield _late("u", "x", -late, self.dt, "x would answer before it moves otherwise")
+        if named is not None and abs(late) > least:
+            words = (
+                f"x answers {1e3 * abs(late):.3g} ms {'later' if late > 0 else 'earlier'} than the "
+                f"controlled element {named.name} says: signals passed a filter or are shifted "
+                "in time, and delays are wrong by as much; or name the element with that delay"
+            )
+            yield Finding("late-signal", "x", "wrong", late, "s", words)
+
+    def copies(self) -> Iterator[Finding]:
+        """Runs whose control is the same to the last bit."""
+        prints = fingerprints(self.recording)
+        for other, digest in enumerate(prints):
+            if (one := prints.index(digest)) < other:
+                words = (
+                    f"runs {one + 1} and {other + 1} have the same control: one is a copy of the "
+                    "other; leave it out"
+                )
+                yield Finding("repeated-samples", "u", "wrong", 1.0, "", words)
+
+
+def _late(name: str, other: str, late: float, dt: float, why: str) -> Finding:
+    word, by = ("late", "earlier") if late > 0 else ("early", "later")
+    words = (
+        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other} ({abs(late) / dt:.2g} samples)"
+        f": {why}; take {name} so much {by}, since delays are wrong by as much"
+    )
+    return Finding(
+        "late-signal",
+        name,
+        "doubt" if name in ("ft", "fd") else "wrong",
+        late,
+        "s",
+        words,
+    )
+
+
+@lru_cache
+def _bands(samples: int, dt: float) -> tuple[tuple[int, int], ...]:
+    """First and end of the bins of bands of a sixth of an octave, of those with five bins."""
+    top = 0.48 / dt
+    edges = np.geomspace(LOWEST, top, max(2, int(PER_OCTAVE * math.log2(top / LOWEST)) + 1))
+    bins = np.unique(np.ceil(edges * samples * dt).astype(int)).tolist()
+    return tuple((a, b) for a, b in pairwise(bins) if b - a >= 5)
+
+
+def _transform(signals: FloatArray) -> ComplexArray:
+    """Transforms behind a window cos^4, whose side lobes fall by 30 dB an octave."""
+    centred = signals - signals.mean(axis=1, keepdims=True)
+    return np.asarray(np.fft.rfft(centred * np.hanning(signals.shape[1]) ** 2))
+
+
+def _is_stepped(signal: FloatArray) -> bool:
+    return bool(np.mean(np.diff(signal, axis=1) == 0.0) > 0.5)
+
+
+def _begins_again(signal: FloatArray, sample: int) -> bool:
+    """Whether a forcing function is from a sample on what it was from the first one on."""
+    count = min(sample, signal.shape[1] - sample)
+    apart = signal[:, sample : sample + count] - signal[:, :count]
+    return bool(np.std(apart) <= RECORDER.again * np.std(signal))
+
+
+def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:
+    """Mean difference over that of the smallest phase of every k, that k, and the order."""
+    found = []
+    for order in (1, 2, 4):
+        size = np.abs(np.diff(signal, order, axis=1))
+        size = np.minimum(size, np.quantile(size, 0.99)).mean(axis=0)
+        for step in range(2, min(largest, size.size // 40) + 1):
+            whole = size.size // step * step
+            phases = size[:whole].reshape(-1, step).mean(axis=0)
+            mean = float(phases.mean())
+            score = mean / (float(phases.min()) + 1e-12 * float(phases.max()) + 1e-300)
+            found.append((float(np.mean(phases < mean / 3.0)), -order, -step, score))
+    share, order, step, score = max(found, default=(0.0, 0, 0, 0.0))
+    return (score, -step, -order) if share else (0.0, 0, 0)
+
+
+def step_of(signal: FloatArray) -> float:
+    """The step of which all differences of values are multiples; 0 if there is none."""
+    values = np.unique(signal)
+    apart = np.sort(np.diff(values))
+    apart = apart[apart > 1e-9 * (values[-1] - values[0])]
+    if apart.size < 20:
+        return float(apart[0]) if apart.size else 0.0
+    step = float(apart[0])
+    for top in (3, 10, 30, 100):  # it grows sharper with every decade
+        near = apart[apart < (top + 0.5) * step]
+        whole = np.round(near / step)
+        step = float(whole @ near) / float(whole @ whole)
+    near = apart[apart < 100.5 * step] / step
+    return step if near.size > 10 and float(np.std(near - np.round(near))) < 0.1 else 0.0
+
+
+BLOCK = 2**17  # samples that are looked at together: a long recording takes little memory
+
+
+def _outliers(
+    output: FloatArray, drive: FloatArray, order: int = 8
+) -> tuple[float, float, int, int, int]:
+    """Largest error of x told from its past and its drive: over the usual one, and over rms.
+
+    Then how many stand out, and run and sample of the first.  Differences take the place of past
+    values, which are all but equal.
+    """
+    scale, count = float(np.std(output)) or 1.0, output.shape[1] - order
+
+    @lru_cache(maxsize=1)  # most recordings have one block
+    def block(begin: int) -> tuple[FloatArray, FloatArray]:
+        """What is known a sample before, and x_t less its past: the highest difference."""
+        end = min(begin + BLOCK, count)
+        past, difference = [], output[:, begin : end + order] / scale
+        for _ in range(order):
+            past.append(difference)
+            difference = np.diff(difference, axis=1)
+        size = difference.shape[1]
+        columns = [p[:, order - 1 - i : order - 1 - i + size] for i, p in enumerate(past)]
+        columns += [drive[:, begin + order - i : end + order - i] for i in range(4)]
+        return np.stack([c.ravel() for c in columns], axis=1), difference.ravel()
+
+    begins = range(0, count, BLOCK)
+    squares = sum(np.sum(block(begin)[0] ** 2, axis=0) for begin in begins)
+    unit = np.sqrt(squares / (len(output) * count)) + 1e-300
+    error = np.zeros((len(output), count))
+    kept = np.ones_like(error, dtype=bool)
+    for _ in range(3):
+        gram, goal = np.zeros((len(unit), len(unit))), np.zeros(len(unit))
+        for begin in begins:
+            table, wanted = block(begin)
+            scaled = table / unit
+            part = scaled * kept[:, begin : begin + BLOCK].reshape(-1, 1)
+            gram += part.T @ scaled
+            goal += part.T @ wanted
+        values = np.linalg.lstsq(gram, goal, rcond=1e-13)[0] / unit
+        for begin in begins:
+            table, wanted = block(begin)
+            left = np.abs(wanted - table @ values)
+            error[:, begin : begin + BLOCK] = left.reshape(len(output), -1)
+        usual = float(np.median(error)) / 0.6745 + 1e-13
+        kept = error < 6.0 * usual
+    far = np.flatnonzero(error > max(RECORDER.outlier[0] * usual, RECORDER.outlier[1]))
+    first = int(far[0]) if far.size else 0
+    events = int(np.count_nonzero(np.diff(far, prepend=-order - 1) > order))
+    run, sample = divmod(first, count)
+    return float(error.max()) / usual, float(error.max()), events, run, sample + order
+
+
+def fingerprints(recording: Recording) -> tuple[str, ...]:
+    """A digest of the control of each run, the same for runs that are the same to the last bit."""
+    return tuple(sha256(run.tobytes()).hexdigest() for run in recording.window(recording.u))
+
+
+def copies_among(names: Sequence[str], prints: Sequence[Sequence[str]]) -> dict[int, list[Remark]]:
+    """What to say of recordings whose runs are copies of those of another recording.
+
+    Parameters
+    ----------
+    names
+        The recordings, for messages.
+    prints
+        Their `fingerprints`.
+    """
+    said: dict[int, list[Remark]] = {}
+    for (i, one), (j, other) in permutations(enumerate(prints), 2):
+        copy = next((digest for digest in one if digest in other), None)
+        if copy and i not in said:
+            words = (
+                f"run {one.index(copy) + 1} has the same control as run {other.index(copy) + 1} of "
+                f"{names[j]}: one is a copy of the other; leave it out"
+            )
+            said[i] = [Remark("repeated-samples", words, "wrong")]
+    return said

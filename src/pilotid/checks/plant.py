@@ -1,0 +1,317 @@
+"""The controlled element as a recording shows it: the output's answer to control and disturbance.
+
+The output holds no noise of its own: x = Hc (u + fd) at every frequency, remnant or not.  So the
+coherence of the two is close to one wherever names, signs and times are right, and the slope of
+the magnitude tells which phase a positive element has (Bode's relation for minimum phase).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from pilotid.recording.recording import Recording, remembered, unit_sized
+from pilotid.recording.spectra import at_lines, target_lines
+from pilotid.support.limits import ELEMENT
+from pilotid.support.remarks import Remark
+from pilotid.support.types import ComplexArray, FloatArray, IntArray
+
+BANDS = 12  # equally wide on a logarithmic scale
+LOWEST, HIGHEST = 0.5, 15.0  # rad/s
+FEWEST_BINS = 4  # of all runs, of which the coherence of a band is made
+FEWEST_BANDS = 4
+LATEST = 3.0  # s by which a control that seems later than x is looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """What the output makes of control and disturbance, by bands of frequency.
+
+    Attributes
+    ----------
+    omega
+        Frequencies [rad/s], shape (bands,).
+    response
+        x over u + fd (or over fd - u, if `opposed`), complex, shape (bands,).
+    coherence
+        Squared coherence, shape (bands,).
+    size
+        Root mean square of x, in any unit, shape (bands,).
+    polarity
+        Cosine of the angle to what the slope says: 1 positive, -1 negative; 0 if untold.
+    opposed
+        Whether x answers to fd - u: control and disturbance have opposite signs.
+    """
+
+    omega: FloatArray
+    response: ComplexArray
+    coherence: FloatArray
+    size: FloatArray
+    polarity: float = 0.0
+    opposed: bool = False
+
+    @property
+    def mean_coherence(self) -> float:
+        """Mean of the squared coherence, by weights of the root of x's size.
+
+        Fast remnant that sampling folds down is in u and not in x; it counts where x is small.
+        """
+        return float(np.average(self.coherence, weights=np.sqrt(self.size)))
+
+
+class AtTarget(NamedTuple):
+    """Control and output at the lines of the target.
+
+    Attributes
+    ----------
+    lines
+        Multiples of 2 pi / T, shape (lines,).
+    control, output
+        Transforms there, complex, shape (runs, lines).
+    control_noise, output_noise
+        Power of the noise there, shape (lines,).
+    """
+
+    lines: IntArray
+    control: ComplexArray
+    control_noise: FloatArray
+    output: ComplexArray
+    output_noise: FloatArray
+
+
+@remembered
+def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
+    """The controlled element that a recording shows, None where it is too short to show one.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    run
+        One of its runs alone; None for all.
+    """
+    recording = unit_sized(recording)
+    rows = slice(None) if run is None else slice(run, run + 1)
+    spectra = {name: spectrum[rows] for name, spectrum in _spectra(recording).items()}
+    disturbance = spectra.get("fd", 0.0)
+    found = []
+    for sign in (1.0, -1.0) if "fd" in spectra else (1.0,):
+        plant = _answer(spectra["x"], sign * spectra["u"] + disturbance, recording.duration)
+        if plant is None:
+            return None
+        if recording.fd is None:
+            polarity = _polarity_at_target(recording, rows)
+        else:
+            good = plant.coherence >= ELEMENT.coherent
+            polarity = _polarity(plant.omega[good], plant.response[good])
+        found.append(replace(plant, polarity=polarity, opposed=sign < 0.0))
+    return max(found, key=lambda plant: plant.mean_coherence - ELEMENT.clearly * plant.opposed)
+
+
+@remembered
+def _spectra(recording: Recording) -> dict[str, ComplexArray]:
+    """Transforms of control, output and disturbance, as far as the bands reach."""
+    end = 2 + int(HIGHEST * recording.duration / (2.0 * np.pi))
+    signals = {"u": recording.u, "x": recording.x, "fd": recording.fd}
+    return {
+        name: _spectrum(recording, signal)[:, :end].copy()
+        for name, signal in signals.items()
+        if signal is not None
+    }
+
+
+@lru_cache
+def _bands(duration: float, runs: int, count: int) -> tuple[FloatArray, IntArray]:
+    """Middles of the bands [rad/s], and the first and the end of each one's bins, (bands, 2)."""
+    bins = np.arange(count) * 2.0 * np.pi / duration
+    edges = np.searchsorted(bins, np.geomspace(LOWEST, HIGHEST, BANDS + 1))
+    bands = [(a, b) for a, b in pairwise(edges.tolist()) if b - a >= max(2.0, FEWEST_BINS / runs)]
+    omega = [float(np.exp(np.mean(np.log(bins[a:b])))) for a, b in bands]
+    return np.array(omega), np.array(bands, dtype=int).reshape(-1, 2)
+
+
+def _polarity(omega: FloatArray, response: ComplexArray) -> float:
+    if omega.size < FEWEST_BANDS:
+        return 0.0
+    slope = np.clip(np.gradient(np.log(np.abs(response)), np.log(omega)), -2.0, 0.0)
+    return float(np.mean(np.cos(np.angle(response) - 0.5 * np.pi * slope)))
+
+
+def _polarity_at_target(recording: Recording, rows: slice) -> float:
+    """The same where fd was not recorded: there may be a disturbance, but not at these lines."""
+    told = _at_target(recording)
+    if told is None:
+        return 0.0
+    omega = np.asarray(told.lines * 2.0 * np.pi / recording.duration, dtype=float)
+    good = (omega >= LOWEST) & (omega <= HIGHEST)
+    control, output = told.control[rows], told.output[rows]
+    for at, noise in ((control, told.control_noise), (output, told.output_noise)):
+        good &= np.mean(np.abs(at) ** 2, axis=0) > ELEMENT.stands_out * noise
+    response = np.mean(output * control.conj(), axis=0) / np.mean(np.abs(control) ** 2, axis=0)
+    return _polarity(omega[good], response[good])
+
+
+@remembered
+def _at_target(recording: Recording) -> AtTarget | None:
+    """Control and output at the target's lines, None where these are too few."""
+    every = target_lines(recording)
+    if every is None:
+        return None
+    lines = every["ft"]
+    control, output = (at_lines(recording, s, lines, every) for s in (recording.u, recording.x))
+    return AtTarget(lines, *control, *output)
+
+
+def _answer(output: ComplexArray, drive: ComplexArray, duration: float) -> Plant | None:
+    """What the output (runs, bins) makes of its drive; None where they are too short to show it."""
+    omega, bands = _bands(duration, *output.shape)
+    if len(bands) < FEWEST_BANDS:
+        return None
+    end = bands[-1, 1] + 1  # a sum ends before the bin that is named
+    output, drive = output[:, :end], drive[:, :end]
+    cross, power, own = (
+        np.add.reduceat((one * other.conj()).sum(axis=0), bands.ravel())[::2]
+        for one, other in ((output, drive), (drive, drive), (output, output))
+    )
+    if not (np.all(power.real > 0.0) and np.all(own.real > 0.0)):
+        return None
+    coherence = np.abs(cross) ** 2 / (power.real * own.real)
+    return Plant(omega, cross / power.real, coherence, np.sqrt(own.real))
+
+
+def _spectrum(recording: Recording, signal: FloatArray, part: slice = slice(None)) -> ComplexArray:
+    window = recording.window(signal)[:, part]
+    window = window - window.mean(axis=1, keepdims=True)
+    return np.asarray(np.fft.rfft(window * np.hanning(window.shape[1])))
+
+
+def opposed(recording: Recording) -> Remark | None:
+    """The sign of the control, from what the output makes of it and of the disturbance.
+
+    A pilot's response tells nothing: with a negative element he would turn his own sign round.
+    """
+    runs: list[int | None] = list(range(recording.runs)) if recording.runs > 1 else [None]
+    signs = {run: _signs(recording, run) for run in runs}
+    told = {run: names for run, names in signs.items() if names is not None}
+    wrong = {run: names for run, names in told.items() if names}
+    if not wrong and not told:  # what no run tells may show in all of them together
+        wrong = {None: names} if (names := _signs(recording, None)) else {}
+    if not wrong:
+        return None
+    first, names = next(iter(wrong.items()))
+    some = len(wrong) < len(told)  # others are told to be right
+    where = f" in run {first + 1}" if some and first is not None else ""
+    because = {
+        ("u",): "x answers to -u" if recording.fd is None else "x answers to fd - u",
+        ("fd",): "x answers to u - fd",
+        ("u", "fd"): "x answers to -u - fd",
+    }[names]
+    remedy = (
+        "turn it round in the file, or leave that run out with --runs"
+        if where
+        else f"flip with --map {recording.flipped(*names)}"
+    )
+    return Remark(
+        "wrong-sign",
+        f"{' and '.join(names)} {'have' if len(names) > 1 else 'has'} the wrong sign{where}: "
+        f"{because}, so that the pilot's gain is negative, unless the controlled element's is; "
+        f"{remedy}",
+    )
+
+
+def _signs(recording: Recording, run: int | None) -> tuple[str, ...] | None:
+    """The signals of a run whose signs must be turned round for a positive element.
+
+    None if it cannot be told; no run means all of them.
+    """
+    plant = plant_of(recording, run)
+    if plant is None or (not plant.opposed and abs(plant.polarity) < -ELEMENT.negative):
+        return None
+    if not plant.opposed:
+        wrong = ("u",) if recording.fd is None else ("u", "fd")
+        return wrong if plant.polarity < 0.0 else ()
+    return ("fd",) if plant.polarity < ELEMENT.negative else ("u",)
+
+
+def is_gain(recording: Recording) -> bool:
+    """Whether the output answers at once: its response is flat over frequency."""
+    plant = plant_of(recording)
+    if plant is None:
+        return False
+    known = plant.response[plant.coherence >= ELEMENT.coherent]
+    off = np.abs(known / np.mean(known) - 1.0) if known.size else np.ones(1)
+    return known.size >= FEWEST_BANDS and bool(np.max(off) <= ELEMENT.flat)
+
+
+def element_changes(recording: Recording) -> Remark | None:
+    """An element that is another one in the second half of the recording than in the first."""
+    half = recording.samples // 2
+    drive = recording.u if recording.fd is None else recording.u + recording.fd
+    parts = [
+        [_spectrum(recording, signal, part) for signal in (recording.x, drive)]
+        for part in (slice(half), slice(-half, None))
+    ]
+    first, second = (_answer(x, u, half * recording.dt) for x, u in parts)
+    if first is None or second is None:
+        return None
+    good = np.minimum(first.coherence, second.coherence) >= ELEMENT.coherent
+    if np.count_nonzero(good) < FEWEST_BANDS:
+        return None
+    ratio = second.response[good] / first.response[good]
+    apart = float(np.median(np.abs(np.log(ratio))))
+    if apart <= ELEMENT.changed:
+        return None
+    return Remark(
+        "element-varies",
+        "the controlled element of the second half differs from that of the first by a factor of "
+        f"{float(np.exp(np.max(np.abs(np.log(np.abs(ratio)))))):.2g} at some frequencies: no "
+        "single transfer function describes it; fit the halves separately, or use a time-varying "
+        "model",
+    )
+
+
+def unrelated(recording: Recording) -> Remark | None:
+    """An output that is not the control's answer belongs to another run or time."""
+    plant = plant_of(recording)
+    least = ELEMENT.unrelated_without_fd if recording.fd is None else ELEMENT.unrelated
+    if plant is None or plant.mean_coherence >= least:
+        return None
+    what = "u" if recording.fd is None else "u + fd"
+    return Remark(
+        "output-unrelated",
+        f"x is not the answer to {what}: their coherence is {plant.mean_coherence:.2f} where an "
+        "element without noise has 1; the signals are of different runs, times, axes or units, "
+        "another disturbance acts, or the element changes during the recording",
+    )
+
+
+def late(recording: Recording) -> Remark | None:
+    """The output answers to the control, not before it: their phase does not grow with frequency.
+
+    At the target's lines x is the controlled element's answer to u alone.  Of all times the one
+    sought makes the phase from line to line the smoothest.
+    """
+    recording = unit_sized(recording)
+    told = None if recording.duration < ELEMENT.late_from else _at_target(recording)
+    if told is None:
+        return None
+    ratio = told.output * told.control.conj()
+    turns = np.sum(ratio[:, 1:] * ratio[:, :-1].conj(), axis=0)  # whatever the sign of a run
+    if not np.abs(turns).all():
+        return None
+    times = np.arange(-LATEST, LATEST, 0.02)
+    apart = 2.0 * np.pi * np.diff(told.lines) / recording.duration
+    smooth = np.real(np.exp(-1j * np.outer(times, apart)) @ (turns / np.abs(turns))) / turns.size
+    best = int(np.argmax(smooth))
+    gain = smooth[best] - np.interp(0.0, times, smooth)
+    if times[best] <= ELEMENT.late or gain < ELEMENT.smoother:
+        return None
+    return Remark(
+        "late-signal",
+        f"u is recorded {times[best]:.2g} s after x has answered to it: the two are shifted in "
+        "time; bring them together",
+    )

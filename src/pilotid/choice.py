@@ -1,0 +1,678 @@
+"""Which pilot model: what recordings say for each of several, and the choice in words.
+
+At the lines of multisines the control is compared with what a model in its loop makes of the
+forcing functions alone.  That judges the pilot and nothing else.  The likelihood of the whole
+control does not: a channel on the output can also predict the control as the inverse of the
+controlled element does, x = Hc (u + fd), with a likelihood beyond that of any pilot and without a
+pilot in it; on recordings of people without motion such a fit has won by 1500 in deviance while
+its simulated response explained nothing of the control.
+
+People never follow a model to within the errors of twenty lines.  Misfits are therefore set
+against that of the best candidate (a quasi-likelihood: Burnham & Anderson, *Model Selection and
+Multimodel Inference*, 2nd ed., sec. 2.5), and against that of runs left out of the fit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from pilotid.checks.checks import motionless
+from pilotid.estimate.applicability import lines_objection, made_for, motionless_input
+from pilotid.estimate.estimate import at_bounds, bounds_reached
+from pilotid.likelihood.constancy import changes, constancy
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.optimum import Optimum
+from pilotid.likelihood.output_error import simulated_vaf
+from pilotid.likelihood.search import maximise_likelihood
+from pilotid.likelihood.settings import LikelihoodSettings
+from pilotid.model.catalogue import MODELS, with_held
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording, unit_sized
+from pilotid.recording.roles import listed
+from pilotid.solve.least_squares import minimise
+from pilotid.spectral.coefficients import Coefficients
+from pilotid.spectral.equations import LinesFit, fit_lines
+from pilotid.support.numbers import DEFAULT_SEED, fit_rng
+from pilotid.support.types import FloatArray, InputError
+
+#: What JSON does not have of a candidate.
+NOT_SHOWN = ("remnant", "samples", "no_delay", "determined")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One model on one recording: a line of models.csv; NaN and 0 for what was not worked out.
+
+    Attributes
+    ----------
+    model
+        Name of the model.
+    pilot_parameters, parameters
+        Number of the pilot's parameters, and of all that were estimated.
+    remnant
+        Name of the remnant's model.
+    samples
+        Number of prediction errors that the log-likelihood is of.
+    log_likelihood, aicc, bic
+        Of pilot and remnant together.
+    vaf, left_out_vaf
+        Variance accounted for, and in runs left out of the fit [%].
+    left_out_log_likelihood
+        Of each run under what the others say; empty where there is one run alone.
+    chi_squared, freedom
+        Chi-squared of the forcing functions' lines and its degrees of freedom; NaN and 0 where
+        there are no lines.
+    left_out_chi_squared
+        Chi-squared of each run's lines under what the others say; empty where there is none.
+    bounds
+        The bounds that parameters reached, in words.
+    no_delay
+        Whether a delay ends at zero, which no pilot has.
+    determined
+        Whether the lines determine all parameters: none is at a bound or known to no better than a
+        factor of ten.  Where no lines judge, whether none is at a bound.
+    change_p, change_size, change_time
+        How often a pilot whose gains and leads are constant would seem to change as this one
+        does, by how much of its value a gain or lead changes at most, and when that is seen best
+        [s]; NaN for a model that varies.
+    varies
+        Whether the model varies in time.
+    """
+
+    model: str
+    pilot_parameters: int
+    parameters: int = 0
+    remnant: str = ""
+    samples: int = 0
+    log_likelihood: float = math.nan
+    aicc: float = math.nan
+    bic: float = math.nan
+    vaf: float = math.nan
+    left_out_vaf: float = math.nan
+    left_out_log_likelihood: tuple[float, ...] = ()
+    chi_squared: float = math.nan
+    freedom: int = 0
+    left_out_chi_squared: tuple[float, ...] = ()
+    bounds: str = ""
+    no_delay: bool = False
+    determined: bool = True
+    change_p: float = math.nan
+    change_size: float = math.nan
+    change_time: float = math.nan
+    varies: bool = False
+
+    @property
+    def changes(self) -> bool:
+        """Whether the pilot is said to change, see `pilotid.likelihood.constancy`."""
+        return changes(self.change_p, self.change_size)
+
+    @property
+    def excess(self) -> float:
+        """Chi-squared per degree of freedom of the lines."""
+        return self.chi_squared / self.freedom if self.freedom > 0 else math.nan
+
+    @property
+    def left_out(self) -> tuple[float, ...]:
+        """What each run left out of the fit is not explained by, in units of deviance."""
+        if self.freedom > 0:
+            return self.left_out_chi_squared
+        return tuple(-2.0 * likelihood for likelihood in self.left_out_log_likelihood)
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them; NaN where there is none."""
+        found = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+        return {k: v for k, v in found.items() if k not in NOT_SHOWN}
+
+
+def default_candidates(recording: Recording) -> list[PilotModel]:
+    """The catalogue's models that a recording can tell apart, the simplest first."""
+    found = [model for model in MODELS.values() if not why_untried(recording, model)]
+    return sorted(found, key=lambda model: len(model.parameters))
+
+
+def why_untried(recording: Recording, model: PilotModel) -> str:
+    """Why a model is tried only where it is named, in a clause; empty if it is tried."""
+    inputs = [channel.on for channel in model.channels]
+    if model.changes:
+        return "varies in time"
+    if inputs == ["ft"]:
+        return "acts on the target alone"
+    if len(set(inputs)) < len(inputs):
+        return "has two channels on one signal, which lines do not tell apart"
+    if len(inputs) > 1 and (missing := lacking(recording)):
+        names = {"ft": "a target (ft)", "fd": "a disturbance (fd)"}
+        return f"has two channels, which {listed([names[n] for n in missing])} would tell apart"
+    if "e" not in inputs and motionless(recording, "e"):
+        return "acts on target and output, which are one where e does not move"
+    if model.name == "structural":
+        return "has the poles and zeros of lead-lag, in other places"
+    if made_for(recording, model).needs_element:
+        return "needs a controlled element, which is not known"
+    return ""
+
+
+def lacking(recording: Recording) -> list[str]:
+    """The forcing functions, ``ft`` and ``fd``, that a recording lacks."""
+    return [
+        name
+        for name in ("ft", "fd")
+        if getattr(recording, name) is None or motionless(recording, name)
+    ]
+
+
+def compare_models(
+    recording: Recording, models: Sequence[PilotModel], seed: int
+) -> list[Candidate]:
+    """What a recording says for each of several models, in their order.
+
+    The lines of forcing functions judge where there are any, else likelihoods.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    models
+        The models; those that have no input in it are left out.
+    seed
+        Seed of the searches' random starts.
+
+    Raises
+    ------
+    InputError
+        If no model has all its inputs in the recording.
+    """
+    models = [made_for(recording, model) for model in models]
+    recording = unit_sized(recording)
+    models = [model for model in models if motionless_input(recording, model) is None]
+    if not models:
+        raise InputError(f"{recording.source}: none of the models has its inputs in the recording")
+    if any(lines_objection(recording, model) is not None for model in models):
+        return by_likelihood(recording, models, seed)
+    return [
+        Candidate(
+            fit.model.name,
+            len(fit.model.parameters),
+            vaf=simulated_vaf(recording, fit.model, fit.values),
+            chi_squared=fit.misfit,
+            freedom=fit.freedom,
+            left_out_chi_squared=_left_out_misfits(fit),
+            bounds=bounds_reached(fit.model, fit.values),
+            no_delay=_no_delay(fit.model, fit.values),
+            determined=fit.determined,
+        )
+        for fit in fit_forced_response(recording, models, seed)
+    ]
+
+
+def by_likelihood(
+    recording: Recording,
+    models: Sequence[PilotModel],
+    seed: int,
+) -> list[Candidate]:
+    """What prediction errors say for each of several models, in their order.
+
+    Each model is fitted by maximum likelihood, the remnant along with it, in one analysis band,
+    with one kind of model of the remnant and the same nuisance terms, and all are scored on the
+    same samples: information criteria of fits of different bands, or of windows that end at
+    different samples, say nothing.  Runs that a fit has not seen judge without any count of
+    parameters: models of people are never true, and what a criterion counts as a parameter may
+    only be a misfit that another parameter mends.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    models
+        Models that its signals allow, the most likely first: the kind of the remnant's model is
+        what suits that one.
+    seed
+        Seed of the searches' random starts.
+    """
+    # All are weighted alike: a frequency counts if no model's input is noise there.
+    signals = (channel.on for model in models for channel in model.channels)
+    # A pilot who changes has no likelihood of a band: criteria of the two say nothing.
+    loop = not any(model.changes for model in models)
+    settings = LikelihoodSettings(wide=(), weighed=tuple(dict.fromkeys(signals)), loop=loop)
+    maxima: list[Optimum] = []
+    for model in models:
+        found = maximise_likelihood(recording, model, fit_rng(seed, model.name), settings)
+        settings = replace(settings, noise=found.joint.noise)
+        maxima.append(found)
+    terms = tuple(sorted({term for found in maxima for term in found.joint.prediction.terms}))
+    scored = min(found.joint.prediction.scored for found in maxima)
+    return [_judged(recording, _with_terms(found, terms), scored, seed) for found in maxima]
+
+
+def _with_terms(found: Optimum, terms: tuple[float, ...]) -> Optimum:
+    """The optimum with these nuisance terms."""
+    prediction, noise = found.joint.prediction, found.joint.noise
+    if prediction.terms == terms:
+        return found
+    joint = Likelihood(replace(prediction, terms=terms), noise)
+    return replace(found, joint=joint).moved(found.values)
+
+
+def _judged(recording: Recording, found: Optimum, scored: int, seed: int) -> Candidate:
+    """What an optimum says for its model by so many scored samples."""
+    values, prediction = found.values, replace(found.joint.prediction, scored=scored)
+    joint = Likelihood(prediction, found.joint.noise)
+    model, pilot = prediction.model, found.pilot
+    runs = prediction.runs
+    left = [_left_out(joint, values, run) for run in range(runs)] if runs > 1 else []
+    parameters, samples = len(values) + 1, joint.residuals
+    log_likelihood = joint.log_likelihood(values)
+    penalty = 2.0 * parameters * samples / max(samples - parameters - 1.0, 1.0)
+    test = constancy(found, recording, fit_rng(seed, "constancy"))
+    bounds = bounds_reached(model, pilot)
+    return Candidate(
+        model=model.name,
+        pilot_parameters=len(pilot),
+        parameters=parameters,
+        remnant=joint.noise.name,
+        samples=samples,
+        log_likelihood=log_likelihood,
+        aicc=-2.0 * log_likelihood + penalty,
+        bic=-2.0 * log_likelihood + parameters * math.log(samples),
+        vaf=simulated_vaf(recording, model, pilot),
+        left_out_vaf=float(np.mean([vaf for _, vaf in left])) if left else math.nan,
+        left_out_log_likelihood=tuple(likelihood for likelihood, _ in left),
+        bounds=bounds,
+        no_delay=_no_delay(model, pilot),
+        determined=not bounds,
+        change_p=test.p if test else math.nan,
+        change_size=test.size if test else math.nan,
+        change_time=test.time if test else math.nan,
+        varies=model.changes,
+    )
+
+
+def _left_out(joint: Likelihood, values: FloatArray, run: int) -> tuple[float, float]:
+    """Log-likelihood and VAF [%] of a run under what the others say."""
+    prediction = joint.prediction
+    rest = [r for r in range(prediction.runs) if r != run]
+    others = Likelihood(prediction.of_runs(rest), joint.noise)
+    # The fits start close by.
+    end = minimise(others.gram, values[None], others, tolerance=2e-5, iterations=12)
+    variance = float(end.cost[0]) / others.scaling(end.values[0])
+    variance /= others.residuals - len(values)
+    alone = Likelihood(prediction.of_runs([run]), joint.noise)
+    likelihood = alone.log_likelihood(end.values[0], variance)
+    residual = alone.prediction.errors(end.values[0, : joint.pilot])
+    share = float(np.var(residual)) / float(np.var(alone.prediction.control))
+    return likelihood, 100.0 * max(0.0, 1.0 - share)
+
+
+def _no_delay(model: PilotModel, values: FloatArray) -> bool:
+    return bool(at_bounds(model, values, values)[0][list(model.delays)].any())
+
+
+def fit_forced_response(
+    recording: Recording, models: Sequence[PilotModel], seed: int
+) -> list[LinesFit]:
+    """What the lines say of several models, in their order, with the same weights for all.
+
+    Parameters
+    ----------
+    recording
+        A recording whose lines can judge all of the models, see
+        `pilotid.estimate.applicability.lines_objection`.
+    models
+        The models, at least one.
+    seed
+        Seed of the searches' random starts.
+    """
+    found: dict[str, LinesFit] = {}
+    for model in sorted(models, key=lambda m: len(m.parameters)):
+        starts = [
+            _widened(simpler, model)
+            for simpler in found.values()
+            if set(simpler.model.keys) < set(model.keys)
+        ]
+        rng = fit_rng(seed, model.name)
+        found[model.name] = fit_lines(recording, model, rng, starts=starts)
+    fits = [found[model.name] for model in models]
+    # The power of the remnant as the model has it that leaves the least.
+    power = min(fits, key=lambda fit: fit.misfit).power
+    return [replace(fit, power=power).minimised() for fit in fits]
+
+
+def _widened(simpler: LinesFit, model: PilotModel) -> FloatArray:
+    """A start for a model from the optimum of one that has some of its parameters."""
+    known = dict(zip(simpler.model.keys, simpler.values.tolist(), strict=True))
+    return np.array([known.get(key, own) for key, own in zip(model.keys, model.start, strict=True)])
+
+
+def _left_out_misfits(fit: LinesFit) -> tuple[float, ...]:
+    """Chi-squared of each run's lines under what the other runs say; none of one run alone."""
+    coefficients = fit.coefficients
+    runs = len(coefficients.control)
+    found = []
+    for run in range(runs) if runs > 1 else ():
+        others = replace(
+            fit,
+            coefficients=_of_runs(coefficients, [r for r in range(runs) if r != run]),
+            power=fit.power * runs / (runs - 1),
+        )
+        alone = replace(fit, coefficients=_of_runs(coefficients, [run]), power=fit.power * runs)
+        found.append(replace(alone, values=others.minimised().values).misfit)
+    return tuple(found)
+
+
+def _of_runs(coefficients: Coefficients, runs: list[int]) -> Coefficients:
+    """The coefficients of some runs alone."""
+    weights = coefficients.weights[runs]
+    size = np.sqrt(np.mean(np.abs(weights) ** 2, axis=0))
+    return replace(
+        coefficients,
+        control=coefficients.control[runs],
+        inputs=coefficients.inputs[:, runs],
+        weights=weights / np.where(size == 0.0, 1.0, size),  # zero at lines they do not have
+    )
+
+
+#: Points of VAF by which a model may explain less of the control than the best one, where only
+#: the likelihood judges: beyond, it describes the loop and not the pilot.
+LOST = 10.0
+FAR = 1000.0  # deviance beyond which a model does not suit, whatever the number
+
+#: A model with more parameters is taken where runs left out favour it with no larger chance of
+#: doing so by accident: several candidates compete, and the luckiest of them is looked at.
+SELDOM = 0.01
+
+#: So many runs at least can show that.  Where there are fewer, an information criterion judges.
+#: Either way a model with more parameters must be better by so much in deviance.
+RUNS, CLOSE = 8, 4.0
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The model chosen for one recording, or for several of one condition.
+
+    Attributes
+    ----------
+    model
+        Its name.
+    reason
+        Why, in sentences.
+    """
+
+    model: str
+    reason: str
+
+
+#: Share of recordings in which a delay may end at zero with a model that serves for contrasts.
+DELAYLESS = 0.1
+
+
+def choose_model(recordings: Sequence[Sequence[Candidate]]) -> Choice:
+    """The simplest model that explains recordings as well as any.
+
+    Runs left out of the fit judge: of the models whose misfit there is not clearly above the
+    smallest, the one with the fewest parameters (the idea of the one-standard-error rule; Hastie,
+    Tibshirani & Friedman, *The Elements of Statistical Learning*, 2nd ed., sec. 7.10).  What is
+    clear a signed-rank test says: one run may differ a hundred times as much as another.  Few
+    runs are judged by an information criterion.
+
+    Parameters
+    ----------
+    recordings
+        For each recording the candidates, see `compare_models`.
+    """
+    judged = _Judged(recordings)
+    return Choice(judged.taken, judged.reason())
+
+
+class _Judged:
+    """Candidates on the recordings of one condition: what each leaves above the best."""
+
+    def __init__(self, recordings: Sequence[Sequence[Candidate]]) -> None:
+        names = [c.model for c in recordings[0]]
+        self.names = [n for n in names if all(n in [c.model for c in own] for own in recordings)]
+        self.files = [{c.model: c for c in candidates} for candidates in recordings]
+        every = [own[name] for own in self.files for name in self.names]
+        self.by_lines = all(c.freedom > 0 for own in self.files for c in own.values())
+        self.credible = self.names if self.by_lines else self._credible()
+        runs = sum(len(own[self.names[0]].left_out) for own in self.files)
+        self.many = runs >= RUNS and all(c.left_out for c in every)
+        # A constant pilot does not say when it changes: the time of change takes what is largest
+        # by chance over all times, and a criterion that counts it as a parameter falls for it.
+        varies = any(c.varies for own in self.files for c in own.values())
+        self.criterion = "chi_squared" if self.by_lines else "bic" if varies else "aicc"
+        deficits = self._deficits()
+        best = min(self.credible, key=lambda name: (sum(deficits[name]), self.parameters(name)))
+        self.least = {
+            name: [a - b for a, b in zip(own, deficits[best], strict=True)]
+            for name, own in deficits.items()
+        }
+        self.close = [name for name in self.least if name == best or not self._is_worse(name)]
+        self.taken = min(self.close, key=lambda n: (self.parameters(n), self.left(n)))
+
+    def parameters(self, name: str) -> int:
+        """Number of the pilot's parameters."""
+        return self.files[0][name].pilot_parameters
+
+    def left(self, name: str) -> float:
+        """What a model leaves above the best."""
+        return sum(self.least[name]) if name in self.least else math.inf
+
+    def is_pilot(self, name: str) -> bool:
+        """Whether a model leaves pilots their delays."""
+        return sum(own[name].no_delay for own in self.files) <= DELAYLESS * len(self.files)
+
+    def determines(self, name: str) -> bool:
+        """Whether at least half of the recordings determine all parameters of a model."""
+        return 2 * sum(own[name].determined for own in self.files) >= len(self.files)
+
+    def _credible(self) -> list[str]:
+        """Models that explain about as much of the control as the best one."""
+        most = [max(own[name].vaf for name in self.names) for own in self.files]
+        return [
+            name
+            for name in self.names
+            if all(own[name].vaf >= top - LOST for own, top in zip(self.files, most, strict=True))
+        ] or [max(self.names, key=lambda name: sum(own[name].vaf for own in self.files))]
+
+    def _deficits(self) -> dict[str, list[float]]:
+        """What models leave unexplained, in units of deviance: by run left out, else by file."""
+        found: dict[str, list[float]] = {name: [] for name in self.credible}
+        for own in self.files:
+            # What even the best candidate cannot follow counts as noise.
+            least = min(own[n].excess for n in self.credible)
+            size = max(1.0, least) if self.by_lines else 1.0
+            for name, deficits in found.items():
+                candidate = own[name]
+                if self.many:
+                    deficits += [m / size for m in candidate.left_out]
+                elif self.by_lines:
+                    deficits.append(candidate.chi_squared / size + 2.0 * candidate.pilot_parameters)
+                else:
+                    deficits.append(getattr(candidate, self.criterion))
+        return found
+
+    def _is_worse(self, name: str) -> bool:
+        """Whether a model leaves clearly more unexplained than the best one."""
+        if self.left(name) <= CLOSE or not self.many:
+            return self.left(name) > CLOSE
+        from scipy.stats import wilcoxon
+
+        return float(wilcoxon(self.least[name], alternative="greater").pvalue) < SELDOM
+
+    def reason(self) -> str:
+        """Why the model is taken, in sentences."""
+        told, taken, files = [], self.taken, self.files
+        if any(len(candidates) > 1 for candidates in files):
+            where = "lines of the forcing functions" if self.by_lines else "errors of prediction"
+            judge = {
+                "chi_squared": "a quasi-likelihood criterion",
+                "aicc": "AICc",
+                "bic": "BIC",
+            }[self.criterion]
+            if self.many:
+                judge = f"{len(self.least[taken])} runs, each left out of its fit"
+            names = sorted(self.least, key=self.left)
+            by = "at" if self.by_lines else "by"
+            told.append(f"{taken} was chosen among {listed(names)} {by} the {where} ({judge}).")
+            above = {n: self.left(n) - self.left(taken) for n in names if n != taken}
+            sizes = [
+                f"{n} {d:.0f}" if d <= FAR else f"{n} over {FAR:.0f}" for n, d in above.items()
+            ]
+            # A criterion has a penalty for parameters; of runs left out the deviance is comparable.
+            what = "deviance" if self.many else "deviance with its penalty for parameters"
+            if above:
+                told.append(f"The others' {what}, less that of {taken}: {', '.join(sizes)}.")
+        told += [
+            f"{name} explains no more than {min(own[name].vaf for own in files):.0f} % of the "
+            "control of a recording that others explain better."
+            for name in self.names
+            if name not in self.credible
+        ]
+        bounds = [own[taken].bounds for own in files if own[taken].bounds]
+        if bounds:
+            told.append(
+                f"{len(bounds)} of the {len(files)} fits of {taken} made for this choice end at a "
+                f"bound ({bounds[0]})."
+            )
+        return " ".join(told)
+
+
+def choose_jointly(
+    conditions: Mapping[str, Sequence[Sequence[Candidate]]], models: Mapping[str, PilotModel]
+) -> tuple[dict[str, str], bool]:
+    """The models in which conditions are compared, by condition, and whether they suit them all.
+
+    Conditions whose own choices have channels on other signals keep those; the channel on the
+    error is the same in all models, so that its parameters mean the same.  A model is taken only
+    if it is determined in at least half of the recordings of each of its conditions.  Of several
+    the simplest are taken that suit every condition: not clearly worse than the best there, and a
+    delay of zero in no more than a tenth of the recordings.  Where none suit all, the misfit
+    decides.  Empty if no models are determined.
+
+    Parameters
+    ----------
+    conditions
+        The recordings' candidates by condition, see `compare_models`.
+    models
+        The candidates' models by name.
+    """
+    judged = {condition: _Judged(held) for condition, held in conditions.items()}
+    groups: dict[frozenset[str], list[_Judged]] = {}
+    for own in judged.values():
+        groups.setdefault(_inputs(models[own.taken]), []).append(own)
+
+    def rank(name: str, members: Sequence[_Judged]) -> tuple[bool, bool, float, float]:
+        """Whether a model does not suit, and is no pilot; parameters, or misfit; misfit."""
+        left = sum(own.left(name) for own in members)
+        delayless = not all(own.is_pilot(name) for own in members)
+        if delayless or not all(name in own.close for own in members):
+            return True, delayless, left, left
+        return False, False, members[0].parameters(name), left
+
+    found = []
+    for family in dict.fromkeys(_on_error(model) for model in models.values()):
+        taken = {}
+        for inputs, members in groups.items():
+            able = [
+                name
+                for name in members[0].names
+                if all(name in own.names and own.determines(name) for own in members)
+                and _inputs(models[name]) == inputs
+                and _on_error(models[name]) == family
+            ]
+            if able:
+                taken[inputs] = min((rank(name, members), name) for name in able)
+        if len(taken) == len(groups):
+            ranks = tuple(map(sum, zip(*(own for own, _ in taken.values()), strict=True)))
+            found.append((ranks, {inputs: name for inputs, (_, name) in taken.items()}))
+    if not found:
+        return {}, False
+    (unsuited, *_), names = min(found, key=lambda own: own[0])
+    chosen = {c: names[_inputs(models[own.taken])] for c, own in judged.items()}
+    return chosen, not unsuited
+
+
+def _inputs(model: PilotModel) -> frozenset[str]:
+    return frozenset(channel.on for channel in model.channels)
+
+
+def _on_error(model: PilotModel) -> tuple[object, ...]:
+    """What acts on the error, whatever its starts are."""
+    return tuple(
+        (type(factor), tuple(p.key for p in factor.parameters))
+        for channel in model.channels
+        if channel.on == "e"
+        for factor in channel.factors
+    )
+
+
+@dataclass(frozen=True)
+class Selection:
+    """A model for one recording, and what was known when it was taken.
+
+    Attributes
+    ----------
+    model
+        The model.
+    reason
+        Why, in sentences.
+    candidates
+        All that were compared.
+    """
+
+    model: PilotModel
+    reason: str
+    candidates: tuple[Candidate, ...]
+
+
+def select(
+    recording: Recording,
+    models: Sequence[PilotModel] = (),
+    seed: int = DEFAULT_SEED,
+    held: str | None = None,
+) -> Selection:
+    """Choose a model for one recording.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    models
+        The candidates; none for those of the catalogue that the recording can tell apart.
+    seed
+        Seed of the searches' random starts.
+    held
+        Parameters of the catalogue's models that are held or bounded, see
+        `pilotid.model.catalogue.with_held`.
+    """
+    among = {m.name: m for m in models or with_held(default_candidates(recording), held)}
+    if all(motionless_input(recording, model) for model in among.values()):
+        first = next(iter(among.values()))
+        return Selection(first, "No model has all its inputs in the recording.", ())
+    candidates = compare_models(recording, list(among.values()), seed)
+    choice = choose_model([candidates])
+    taken = next(c for c in candidates if c.model == choice.model)
+    told = [choice.reason, *(() if models else _more(recording, taken))]
+    return Selection(among[choice.model], " ".join(filter(None, told)), tuple(candidates))
+
+
+def _more(recording: Recording, taken: Candidate) -> Iterator[str]:
+    """What the recording cannot tell, and which signals or names would, in sentences."""
+    if np.array_equal(recording.u, recording.x):
+        yield "x is u itself: if a target was followed without a displayed error, name following."
+    if taken.model == "look-ahead":
+        yield "The target is answered before it comes; preview has two viewpoints, name it to see."
+    elif taken.no_delay:
+        yield (
+            "Its delay ends at zero, as where a target is seen ahead: if one was displayed, name "
+            "look-ahead or preview."
+        )
+    reasons: dict[str, list[str]] = {}
+    for model in MODELS.values():
+        if why := why_untried(recording, model):
+            reasons.setdefault(why, []).append(model.name)
+    if reasons:
+        told = "; ".join(f"{listed(names)} ({why})" for why, names in reasons.items())
+        yield f"Not tried: {told}."

@@ -1,1 +1,0 @@
-"""Forcing functions designed before an experiment; the conic program is in `optimum`."""

@@ -1,0 +1,390 @@
+"""Crossover frequencies and phase margins of the loops that an estimate makes with an element.
+
+Their errors are those of the pilot's parameters, by the posterior where there is one and else to
+first order; the controlled element is taken as known.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from pilotid.checks.checks import motionless
+from pilotid.estimate.draws import Draws
+from pilotid.estimate.quantities import Quantity, sampled
+from pilotid.model.element import ControlledElement
+from pilotid.model.loops import (
+    GRID,
+    crossings,
+    is_stable,
+    loop_slopes,
+    margin,
+    open_loops,
+    why_no_crossing,
+)
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
+from pilotid.support.limits import ESTIMATE, SIGNAL
+from pilotid.support.numbers import Z95
+from pilotid.support.remarks import Remark, remarks_json
+from pilotid.support.types import ComplexArray, FloatArray
+
+NAMES = ("target", "disturbance")
+COARSE = GRID[:: len(GRID) // 1000]  # for many sets of parameters
+COUNT = 1000  # draws of a posterior
+NEAR = 2.0  # times the estimate's crossover; other crossings lie further off
+
+
+class Fit(Protocol):
+    """What loops are made of; every `Estimate` has it."""
+
+    @property
+    def model(self) -> PilotModel:
+        """The model."""
+
+    @property
+    def values(self) -> FloatArray:
+        """Its parameters, shape (parameters,)."""
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Their covariance, shape (parameters, parameters)."""
+
+    @property
+    def draws(self) -> Draws | None:
+        """Draws of the posterior, where there is one."""
+
+
+def loops_of(estimate: Fit, element: ControlledElement) -> Loops:
+    """The loops that an estimate makes with a controlled element, with errors.
+
+    Errors are those of the pilot's parameters: the spread over the draws of a posterior where
+    there is one, else to first order from the covariance.  The element is taken as known.
+
+    Parameters
+    ----------
+    estimate
+        Any; of one that failed every number is NaN.
+    element
+        The controlled element.
+    """
+    model, values = estimate.model, estimate.values
+    is_known = bool(np.isfinite(values).all())
+    if why := model.no_loop if is_known else "the fit failed":
+        return Loops(element, no_loop("target", why), no_loop("disturbance", why))
+    remarks = []
+    if not is_stable(model, values, element):
+        remarks.append(
+            Remark(
+                "unstable-loop",
+                f"the fitted loop with {element.name or 'this element'} is unstable, though "
+                "the recorded one was not: the model, the controlled element or a sign is wrong, "
+                "or the estimate is poor; do not use its margins",
+            )
+        )
+    if estimate.draws is None:
+        target, disturbance = _by_delta(estimate, element)
+    else:
+        sets = estimate.draws.thinned(COUNT)[:, : len(model.parameters)]
+        target, disturbance = (s.loop for s in sampled_loops(model, values, sets, element))
+    return Loops(element, target, disturbance, tuple(remarks))
+
+
+# ------------------------------------------------------------------ to first order
+
+
+def _by_delta(estimate: Fit, element: ControlledElement) -> list[Loop]:
+    model, values, covariance = estimate.model, estimate.values, estimate.covariance
+    result = []
+    for i, (name, loop) in enumerate(
+        zip(NAMES, open_loops(model, values, element, GRID), strict=True)
+    ):
+        found = margin(GRID, loop)
+        if math.isnan(found.crossover):
+            result.append(no_loop(name, why_no_crossing(GRID, loop)))
+            continue
+        slopes = margin_slopes(model, values, element, found.crossover)[i]
+        delay = float(effective_delay(found.crossover, found.phase_margin))
+        by_delay = -(delay * slopes[0] + np.radians(slopes[1])) / found.crossover
+        slopes = np.vstack([slopes, by_delay])
+        errors = np.sqrt(np.einsum("qi,ij,qj->q", slopes, covariance, slopes))
+        numbers = (found.crossover, found.phase_margin, delay)
+        crossover, phase_margin, late = (
+            Quantity(key, unit, value, error, value - Z95 * error, value + Z95 * error)
+            for (key, unit), value, error in zip(
+                loop_keys(name), numbers, errors.tolist(), strict=True
+            )
+        )
+        result.append(Loop(name, crossover, phase_margin, late, found.others))
+    return result
+
+
+def effective_delay(crossover: FloatArray | float, phase_margin: FloatArray | float) -> FloatArray:
+    """The delay [s] of the crossover model, wc/s e^(-delay s), with this margin [deg].
+
+    Source: McRuer & Jex, *IEEE Trans. Human Factors in Electronics* HFE-8(3), 1967.
+    """
+    return np.asarray(np.radians(90.0 - np.asarray(phase_margin)) / crossover)
+
+
+def margin_slopes(
+    model: PilotModel, values: FloatArray, element: ControlledElement, crossover: float
+) -> FloatArray:
+    """Derivatives of crossover [rad/s] and phase margin [deg] by each parameter.
+
+    Of log L(w, p) = 0 in its real part follows the crossover's, and of its imaginary part along
+    with it the phase margin's.
+
+    Parameters
+    ----------
+    model, values, element
+        What the loop is made of.
+    crossover
+        The loop's crossover frequency [rad/s].
+
+    Returns
+    -------
+    For the target and the disturbance loop, shape (2, 2, parameters).
+    """
+    step = 1e-5
+    omega = crossover * np.array([1.0 - step, 1.0, 1.0 + step])
+    loops = open_loops(model, values, element, omega)
+    result = []
+    for loop, slope in zip(loops, loop_slopes(model, values, element, omega), strict=True):
+        with np.errstate(invalid="ignore"):  # a loop that is nil has no slope
+            by_omega = np.log(loop[2] / loop[0]) / (omega[2] - omega[0])
+        by_values = slope[:, 1]
+        moved = -by_values.real / by_omega.real
+        result.append([moved, np.degrees(by_values.imag + by_omega.imag * moved)])
+    return np.array(result)
+
+
+# ------------------------------------------------------------------ over draws
+
+
+@dataclass(frozen=True, eq=False)
+class SampledLoop:
+    """A loop over the draws of a posterior.
+
+    Attributes
+    ----------
+    loop
+        Means, deviations and equal-tailed intervals over the draws.
+    crossover, phase_margin
+        Of each draw that has the crossing [rad/s, deg], shape (kept,).
+    """
+
+    loop: Loop
+    crossover: FloatArray
+    phase_margin: FloatArray
+
+
+def sampled_loops(
+    model: PilotModel, centre: FloatArray, sets: FloatArray, element: ControlledElement
+) -> list[SampledLoop]:
+    """The loops of draws, shape (sets, parameters), target first.
+
+    A loop may have several crossings; of each draw the one nearest to that of the estimate
+    `centre` counts, and its phase margin is continuous about the estimate's.
+    """
+    every = [open_loops(model, own, element, COARSE) for own in sets]
+    result = []
+    for i, (name, loop) in enumerate(
+        zip(NAMES, open_loops(model, centre, element, GRID), strict=True)
+    ):
+        own = margin(GRID, loop)
+        nearest = [_nearest(loops[i], own.crossover) for loops in every]
+        kept = np.array([pair for pair in nearest if pair], dtype=float).reshape(-1, 2)
+        frequency, phase = kept.T
+        phase = phase + 360.0 * np.round((own.phase_margin - phase) / 360.0)
+        lost, remark = 1.0 - len(kept) / len(sets), ""
+        if math.isnan(own.crossover):
+            remark = why_no_crossing(GRID, loop)
+        elif lost > ESTIMATE.lost_crossing:
+            remark = (
+                f"in {100.0 * lost:.0f} % of the draws its magnitude does not fall through one "
+                f"near {own.crossover:.3g} rad/s; they are left out"
+            )
+        told = no_loop(name, remark, own.others)
+        if len(kept):
+            numbers = (frequency, phase, effective_delay(frequency, phase))
+            crossover, phase_margin, late = (
+                sampled(key, unit, own)
+                for (key, unit), own in zip(loop_keys(name), numbers, strict=True)
+            )
+            told = Loop(name, crossover, phase_margin, late, own.others, remark)
+        result.append(SampledLoop(told, frequency, phase))
+    return result
+
+
+def _nearest(loop: ComplexArray, start: float) -> tuple[float, float] | None:
+    """Frequency and phase margin of the crossing nearest to `start`; None if none is near."""
+    frequency, phase_margin = crossings(COARSE, loop)
+    away = np.abs(np.log(frequency / start))
+    near = away <= np.log(NEAR)  # nor is NaN
+    if not near.any():
+        return None
+    i = int(np.argmin(away))
+    return float(frequency[i]), float(phase_margin[i])
+
+
+@dataclass(frozen=True, eq=False)
+class LoopElement:
+    """The controlled element that loops are drawn with.
+
+    Attributes
+    ----------
+    element
+        None if none is known.
+    origin
+        ``given``, named by the ``recording``, or ``identified`` from its signals.
+    why
+        Why none is known, in a sentence.
+    remarks
+        Where what is said of it and what signals show disagree, a sentence each.
+    """
+
+    element: ControlledElement | None = None
+    origin: str = ""
+    why: str = ""
+    remarks: tuple[str, ...] = ()
+
+    def named_in(self, recording: Recording) -> Recording:
+        """The recording, naming the element that was given, for methods that need the loop."""
+        if self.origin != "given" or self.element is None:
+            return recording
+        return replace(recording, controlled_element=self.element.name)
+
+    @property
+    def words(self) -> str:
+        """The element and where it comes from."""
+        if self.element is None:
+            return self.why
+        origins = {
+            "recording": "named by the recording",
+            "identified": "identified from the signals",
+        }
+        name = self.element.name or "user-defined"
+        return f"loops with the controlled element {name}, {origins.get(self.origin, 'as given')}"
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """One open loop of an estimate.
+
+    Attributes
+    ----------
+    name
+        ``target`` or ``disturbance``.
+    crossover, phase_margin, effective_delay
+        NaN where there is none; the delay is that of the crossover model with this margin.
+    others
+        Further frequencies where the magnitude falls through one [rad/s].
+    remark
+        Why there is no crossover, or what else should be known; empty if nothing should.
+    """
+
+    name: str
+    crossover: Quantity
+    phase_margin: Quantity
+    effective_delay: Quantity
+    others: tuple[float, ...] = ()
+    remark: str = ""
+
+    @property
+    def notes(self) -> list[str]:
+        """What should be known of it, a sentence each."""
+        found = [f"{self.name} loop: {self.remark}"] if self.remark else []
+        if self.others:
+            where = ", ".join(f"{w:.3g}" for w in self.others)
+            found.append(f"the {self.name} loop falls through one again at {where} rad/s")
+        return found
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them."""
+        return {
+            "crossover": self.crossover.to_dict(),
+            "phase_margin": self.phase_margin.to_dict(),
+            "effective_delay": self.effective_delay.to_dict(),
+            "others": list(self.others),
+            "remark": self.remark,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Loops:
+    """Both open loops of an estimate with a controlled element.
+
+    Attributes
+    ----------
+    element
+        The controlled element.
+    target, disturbance
+        The loops, see `pilotid.model.loops`.
+    remarks
+        What speaks against them, a sentence each.
+    excited
+        The names of those that a forcing function excites; only these are shown.
+    """
+
+    element: ControlledElement
+    target: Loop
+    disturbance: Loop
+    remarks: tuple[str, ...] = ()
+    excited: tuple[str, ...] = NAMES
+
+    @property
+    def shown(self) -> list[Loop]:
+        """The loops that the recording excites."""
+        return [lp for lp in (self.target, self.disturbance) if lp.name in self.excited]
+
+    @property
+    def quantities(self) -> list[Quantity]:
+        """Crossover frequency and phase margin of the target, then of the disturbance loop."""
+        return [q for loop in self.shown for q in (loop.crossover, loop.phase_margin)]
+
+    @property
+    def notes(self) -> list[str]:
+        """What should be known of the margins, a sentence each."""
+        return [note for loop in self.shown for note in loop.notes]
+
+    def excited_by(self, recording: Recording) -> Loops:
+        """The same, with no numbers for a loop that no forcing function of a recording excites."""
+        target = recording.window(recording.input("ft"))
+        moves = {
+            "target": bool(np.std(target) > SIGNAL.still * np.std(recording.window(recording.e))),
+            "disturbance": recording.fd is not None and not motionless(recording, "fd"),
+        }
+        absent = {name: no_loop(name, f"no {name} excites it") for name in NAMES if not moves[name]}
+        excited = tuple(name for name in NAMES if moves[name])
+        return replace(self, excited=excited, **absent)  # type: ignore[arg-type]
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them; NaN where there is none."""
+        return {
+            "element": self.element.name,
+            "target": self.target.to_dict(),
+            "disturbance": self.disturbance.to_dict(),
+            **remarks_json(self.remarks),
+        }
+
+
+def no_loop(name: str, why: str, others: tuple[float, ...] = ()) -> Loop:
+    """A loop without a crossover, and why."""
+    nan = float("nan")
+    crossover, phase_margin, late = (
+        Quantity(key, unit, nan, nan, nan, nan) for key, unit in loop_keys(name)
+    )
+    return Loop(name, crossover, phase_margin, late, others, why)
+
+
+def loop_keys(name: str) -> tuple[tuple[str, str], ...]:
+    """Keys and units of a loop's three quantities."""
+    return (
+        (f"{name}_crossover", "rad/s"),
+        (f"{name}_phase_margin", "deg"),
+        (f"{name}_effective_delay", "s"),
+    )

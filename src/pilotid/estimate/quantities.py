@@ -1,0 +1,387 @@
+"""Quantities with errors and intervals: parameters, products of them, and their symbols."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import astuple, dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pilotid.estimate.draws import TAILS, Draws, shortest_interval
+from pilotid.support.format import Table, decimals, table
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import Z95
+from pilotid.support.types import BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+#: Symbols by key; a number behind a key becomes an index.
+SYMBOLS = {
+    "Kvis": "K_v",
+    "tlead": "T_L",
+    "tlag": "T_I",
+    "tdvis": r"\tau_v",
+    "Kvest": "K_{vs}",
+    "tdvest": r"\tau_{vs}",
+    "Km": "K_m",
+    "tdm": r"\tau_m",
+    "wc": r"\omega_c",
+    "tde": r"\tau_e",
+    "tleadlow": "T_K",
+    "tlaglow": "T_K'",
+    "Kpf": "K_{pf}",
+    "tpf": "T_{pf}",
+    "Koto": "K_{oto}",
+    "Kt": "K_t",
+    "tlagt": "T_{I,t}",
+    "tdt": r"\tau_t",
+    "tlook": r"\tau_a",
+    "Kf": "K_f",
+    "tlagf": "T_{I,f}",
+    "tlookf": r"\tau_f",
+    "Kn": "K_n",
+    "tlagn": "T_{I,n}",
+    "tlookn": r"\tau_n",
+    "fnm": r"\omega_{nm}",
+    "dnm": r"\zeta_{nm}",
+    "target_crossover": r"\omega_{c,t}",
+    "target_phase_margin": r"\varphi_{m,t}",
+    "disturbance_crossover": r"\omega_{c,d}",
+    "disturbance_phase_margin": r"\varphi_{m,d}",
+    "target_effective_delay": r"\tau_{e,t}",
+    "disturbance_effective_delay": r"\tau_{e,d}",
+    "remnant_share_u": r"\sigma^2_{u,n}/\sigma^2_u",
+    **{f"var_{name}": rf"\sigma^2_{name}" for name in "eux"},
+    **{f"rms_{name}": rf"\mathrm{{RMS}}_{name}" for name in "eux"},
+    **{
+        f"var_{name}_{part}": rf"\sigma^2_{{{name},{index}}}"
+        for name in "eux"
+        for part, index in (("target", "t"), ("disturbance", "d"), ("remnant", "n"))
+    },
+}
+
+
+def symbol(key: str) -> str:
+    """The symbol of a quantity between dollar signs; a key without one stays as it is."""
+    found = []
+    for part in re.split(r"( - |[*/+])", key):
+        name, index = re.split(r"(\d*)\Z", part, maxsplit=1)[:2]
+        own = SYMBOLS.get(part) or SYMBOLS.get(name)
+        if own is None and part not in (" - ", "*", "/", "+"):
+            return key
+        if own and index:
+            base, underline, below = own.partition("_")
+            own = f"{base}_{{{below.strip('{}')},{index}}}" if underline else f"{own}_{index}"
+        found.append(own or {"*": r"\,"}.get(part, part))
+    return f"${''.join(found)}$"
+
+
+def unit_words(unit: str) -> str:
+    """A unit as figures have it."""
+    return unit.replace("^2", "²")
+
+
+UNDETERMINED = "not determined"  # in the place of a value and its error
+LARGEST = 100.0  # standard error of a logarithm; exp of twice as much is a number still
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number with its standard error and 95 % interval; NaN where the fit failed.
+
+    Attributes
+    ----------
+    key, unit
+        As printed; no unit for a number without dimension.
+    value, std_error
+        Value and standard error in that unit.
+    lower, upper
+        Ends of the 95 % interval.
+    determined
+        Whether the recording tells it: False where the interval of a parameter ends at a bound, or
+        that of a positive number spans more than a factor of ten.
+    """
+
+    key: str
+    unit: str
+    value: float
+    std_error: float
+    lower: float
+    upper: float
+    determined: bool = True
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Lower and upper end of the 95 % interval."""
+        return self.lower, self.upper
+
+    def shown(self, plus_minus: str = "±") -> tuple[str, str]:
+        """Value with standard error, and interval, to the digits that the error allows."""
+        if not math.isfinite(self.value):
+            return "-", ""
+        if not self.determined:
+            return UNDETERMINED, f"{self.lower:.3g} .. {self.upper:.3g}"
+        error = self.std_error
+        if not (math.isfinite(error) and error > 0.0):
+            return f"{self.value:.4g}", ""
+        digits = decimals(error)
+        value = f"{self.value:.{digits}f} {plus_minus} {error:.{digits}f}"
+        return value, f"{self.lower:.{digits}f} .. {self.upper:.{digits}f}"
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them."""
+        return {
+            "value": self.value,
+            "std_error": self.std_error,
+            "interval_95": [self.lower, self.upper],
+            "unit": self.unit,
+            "determined": self.determined,
+        }
+
+    def __str__(self) -> str:
+        value, interval = self.shown()
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.key} = {value}{unit}" + (f", 95 % {interval}" if interval else "")
+
+
+def quantity_tables(
+    estimates: Sequence[tuple[str, Sequence[Quantity]]], abreast: int, what: str = "parameter"
+) -> list[Table]:
+    """Tables of quantities, two columns for each estimate, so many estimates in a table.
+
+    Parameters
+    ----------
+    estimates
+        A name, and quantities with the same keys for all.
+    abreast
+        How many estimates a table has.
+    what
+        What the rows are.
+    """
+    tables = []
+    for begin in range(0, len(estimates), abreast):
+        some = estimates[begin : begin + abreast]
+        titles = [what, "unit"]
+        columns: list[list[str]] = [[getattr(q, a) for q in some[0][1]] for a in ("key", "unit")]
+        for name, quantities in some:
+            titles += [name, "95 % interval"]
+            columns += map(list, zip(*(q.shown() for q in quantities), strict=True))
+        forms = dict.fromkeys(titles[2:], str)
+        tables.append(table([*zip(*columns, strict=True)], "", titles, forms))
+    return tables
+
+
+def frame_of(quantities: Sequence[Quantity]) -> DataFrame:
+    """A row for each quantity: key, unit, value, standard error and 95 % interval."""
+    from pandas import DataFrame
+
+    columns = ["parameter", "unit", "value", "std_error", "lower_95", "upper_95", "determined"]
+    return DataFrame([astuple(q)[: len(columns)] for q in quantities], columns=columns)
+
+
+def abreast(width: int) -> int:
+    """How many estimates stand side by side in a terminal of this width."""
+    return max(1, (width - 20) // 40)  # an estimate takes some 40 characters
+
+
+@dataclass(frozen=True)
+class PosteriorQuantity(Quantity):
+    """A quantity's posterior: mean, standard deviation and equal-tailed interval.
+
+    Attributes
+    ----------
+    highest_density
+        The shortest 95 % interval.
+    effective, r_hat
+        Of a sampled parameter; NaN for functions of several.
+    """
+
+    highest_density: tuple[float, float] = (math.nan, math.nan)
+    effective: float = math.nan
+    r_hat: float = math.nan
+
+
+def spans_decade(lower: FloatArray | float, upper: FloatArray | float) -> BoolArray:
+    """Whether intervals of positive numbers span more than a factor of ten, of their shape."""
+    return np.asarray(upper > ESTIMATE.wide * np.asarray(lower))
+
+
+def sampled(
+    key: str,
+    unit: str,
+    values: FloatArray,
+    *,
+    effective: float = math.nan,
+    r_hat: float = math.nan,
+    positive: bool = False,
+) -> PosteriorQuantity:
+    """The posterior of a quantity, `positive` or not, from its draws, shape (draws,)."""
+    mean, error = float(values.mean()), float(values.std())
+    (low, high), densest = np.quantile(values, TAILS).tolist(), shortest_interval(values)
+    known = not (positive and spans_decade(low, high))
+    ends = float(densest[0]), float(densest[1])
+    return PosteriorQuantity(key, unit, mean, error, low, high, known, ends, effective, r_hat)
+
+
+#: Gain and lead time of the visual channel are correlated at about -0.99; their product, the
+#: gain on the error's rate, is known several times more accurately than either.  So are the sum of
+#: a delay and a lag, the effective delay, and that of a delay and the time looked ahead.
+COMBINED = (
+    *("Kvis*tlead", "Kvis1*tlead1", "Kvis2*tlead2"),
+    *("tlook+tdvis", "tdvis+tlag"),
+)
+
+
+def _combined(keys: tuple[str, ...]) -> Iterator[tuple[str, int, int, bool]]:
+    """Key, places of the two parameters, and whether it is their sum, of each combination."""
+    for key in COMBINED:
+        first, second = re.split(r"[*+]", key)
+        if first in keys and second in keys:
+            yield key, keys.index(first), keys.index(second), "+" in key
+
+
+def combined_by_draws(draws: Draws) -> list[PosteriorQuantity]:
+    """Posteriors of the products and sums."""
+    found = []
+    for key, i, j, summed in _combined(draws.keys):
+        first, second = draws.values[:, i], draws.values[:, j]
+        own = first + second if summed else first * second
+        found.append(sampled(key, "s", own, positive=True))
+    return found
+
+
+def combined_by_delta(
+    keys: tuple[str, ...], values: FloatArray, covariance: FloatArray
+) -> list[Quantity]:
+    """Products and sums of parameters, with errors to first order.
+
+    Parameters
+    ----------
+    keys
+        The parameters' keys.
+    values, covariance
+        The estimate, shapes (parameters,) and (parameters, parameters).
+    """
+    result = []
+    for key, i, j, summed in _combined(keys):
+        value = float(values[i] + values[j] if summed else values[i] * values[j])
+        slope = np.zeros(len(keys))
+        slope[i], slope[j] = (1.0, 1.0) if summed else (values[j], values[i])
+        error = float(np.sqrt(slope @ covariance @ slope))
+        ends = value - Z95 * error, value + Z95 * error
+        known = not spans_decade(*ends)
+        result.append(Quantity(key, "s", value, error, *ends, determined=known))
+    return result
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two parameters that cannot be told apart.
+
+    Attributes
+    ----------
+    first, second
+        Their keys.
+    correlation
+        Of their errors, on the logarithmic scale for positive parameters.
+    combination
+        Their product or ratio, where it is known much better than either; else None.
+    """
+
+    first: str
+    second: str
+    correlation: float
+    combination: Quantity | None
+
+    @property
+    def words(self) -> str:
+        """What a user must know, in a sentence."""
+        told = f"{self.first} and {self.second} cannot be told apart "
+        told += f"(correlation {self.correlation:.2f}): "
+        if self.combination is None:
+            return told + "as far as one of them is wrong, so is the other"
+        kind, sign = ("product", " ") if self.correlation < 0.0 else ("ratio", "/")
+        value, _ = self.combination.shown("+-")
+        unit = f" {self.combination.unit}" if self.combination.unit else ""
+        name = f"{kind} {self.first}{sign}{self.second}"
+        return told + f"it is their {name} = {value}{unit} that is known"
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them."""
+        known = self.combination
+        return {
+            "parameters": [self.first, self.second],
+            "correlation": self.correlation,
+            "combination": known and {"key": known.key, **known.to_dict()},
+        }
+
+
+def inseparable(
+    keys: tuple[str, ...],
+    units: tuple[str, ...],
+    positive: BoolArray,
+    values: FloatArray,
+    covariance: FloatArray,
+    draws: Draws | None = None,
+) -> list[Pair]:
+    """The pairs that an estimate cannot tell apart: correlated, and one of them little known.
+
+    Parameters
+    ----------
+    keys, units, positive
+        The parameters, and which of them have a logarithm, shape (parameters,).
+    values, covariance
+        The estimate, shapes (parameters,) and (parameters, parameters).
+    draws
+        Of the posterior, in the place of the covariance.
+    """
+    if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
+        return []
+    positive = positive & (values > 0.0)
+    if draws is None:
+        scale = np.where(positive, values, 1.0)
+        spread = covariance / np.outer(scale, scale)
+    else:
+        own = draws.values[:, : len(keys)]
+        inner = np.where(positive, np.log(np.where(positive, own, 1.0)), own)
+        spread = np.atleast_2d(np.cov(inner.T, ddof=0))
+    error = np.sqrt(np.diag(spread))
+    if not (error > 0.0).all():
+        return []
+    correlation = spread / np.outer(error, error)
+    relative = np.where(positive, error, error / np.maximum(np.abs(values), 1e-9))
+    vague = np.maximum.outer(relative, relative) > ESTIMATE.well_known
+    found = []
+    for i, j in zip(
+        *np.nonzero(np.triu(vague & (np.abs(correlation) >= ESTIMATE.collinear), 1)), strict=True
+    ):
+        sign = -math.copysign(1.0, correlation[i, j])  # of the second's power
+        left = spread[i, i] + spread[j, j] + 2.0 * sign * spread[i, j]
+        known = None
+        worth = ESTIMATE.better**2 * left <= min(spread[i, i], spread[j, j])
+        if positive[i] and positive[j] and worth:
+            value = float(values[i] * values[j] ** sign)
+            # A wild fit may claim an error beyond all numbers, which is none.
+            off = min(math.sqrt(max(float(left), 0.0)), LARGEST)
+            known = Quantity(
+                keys[i] + ("*" if sign > 0.0 else "/") + keys[j],
+                _unit(units[i], units[j], divided=sign < 0.0),
+                value,
+                value * off,
+                value * math.exp(-Z95 * off),
+                value * math.exp(Z95 * off),
+            )
+        found.append(Pair(keys[i], keys[j], float(correlation[i, j]), known))
+    return found
+
+
+def _unit(first: str, second: str, *, divided: bool) -> str:
+    if not divided:
+        return " ".join(unit for unit in (first, second) if unit)
+    if first == second:
+        return ""
+    return f"{first or 1}/{second}" if second else first

@@ -1,0 +1,284 @@
+"""Warnings about an estimate, whatever its method; see `pilotid.support.remarks.CODES`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from pilotid.estimate.applicability import one_signal, shared_signals
+from pilotid.estimate.estimate import Estimate, Outcome, at_bounds
+from pilotid.estimate.quantities import spans_decade
+from pilotid.model.factors import Factor, Lag, Lead, Neuromuscular, Parameter
+from pilotid.model.timevarying import STEEP
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import known_lines
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import Z95
+from pilotid.support.remarks import Remark, remark_of
+from pilotid.support.types import ComplexArray, FloatArray
+
+#: Codes of what a recording leaves open, which is no fault of recording, model or fit.
+OPEN = (
+    "inseparable", "not-identifiable", "at-bound", "interval-at-bound", "wide-interval",
+    "asymmetric-interval",
+)  # fmt: skip
+
+
+NOTHING = 0.05  # %, of a VAF that is shown as 0.0 %
+BAND, HIGHEST = 12, 20.0  # bins of a band, and the frequency up to which there are bands [rad/s]
+
+
+def all_remarks(estimate: Estimate, recording: Recording) -> tuple[Remark, ...]:
+    """What a user must know of an estimate, also for what the recording lacks."""
+    low = estimate.outcome.usable and estimate.vaf < ESTIMATE.least_vaf
+    found = remarks_on(estimate, explained_of_forced(recording, estimate) if low else None)
+    if estimate.outcome is Outcome.NOT_APPLICABLE:
+        return found
+    # Without a target the likelihood can have two optima, which no reported error shows.
+    why = shared_signals if is_vague(estimate) else one_signal
+    shared = why(recording, estimate.model)
+    return (*found, Remark("shared-signals", shared)) if shared else found
+
+
+def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Remark, ...]:
+    """The method's own remarks, and those that its numbers call for.
+
+    `explained` is the share of the control that the model explains [%] where that is known better
+    than by the VAF: a slow remnant that the loop suppresses is larger than the control it is in.
+    """
+    found = [remark_of(remark) for remark in estimate.remarks]
+    if not estimate.outcome.usable:
+        return tuple(found)
+    explained = estimate.vaf if explained is None else explained
+    if explained < ESTIMATE.least_vaf:
+        sentence = (
+            f"the model explains {explained:.1f} % of the control, so the values mean nothing: "
+            "check whether u, e and x belong together (one shifted in time, a wrong name, a wrong "
+            "sign), or choose another model"
+        )
+        return (*found, Remark("little-explained", sentence))
+    if estimate.vaf < NOTHING:
+        sentence = (
+            "the simulated response explains nothing of the control (VAF 0 %): a slow remnant "
+            "hides it, or the model is wrong; compare with other methods and models"
+        )
+        found.append(Remark("little-explained", sentence, "doubt"))
+    for check in (_steps, _short_delays, _cancellations):
+        found += check(estimate)
+    found += (Remark("inseparable", pair.words) for pair in estimate.inseparable)
+    return (*found, *_poorly_identified(estimate))
+
+
+def is_vague(estimate: Estimate) -> bool:
+    """Whether a fit failed, or leaves a parameter poorly identified."""
+    if not estimate.outcome.usable:
+        return True
+    return bool(np.any(estimate.std_error > ESTIMATE.vague * np.abs(estimate.values)))
+
+
+def explained_of_forced(recording: Recording, estimate: Estimate) -> float | None:
+    """Share that a model explains [%] of the control that answers to the forcing functions.
+
+    Of multisines the lines tell it; of others what in a narrow band follows them.  None for
+    time-varying pilots, and without forcing functions.
+    """
+    if estimate.model.changes:
+        return None
+    every = known_lines(recording)
+    spectra = {n: _windowed(recording, n, lines=bool(every)) for n in ("u", *_inputs(estimate))}
+    if every:
+        used = np.unique(np.concatenate(list(every.values())))
+    else:
+        end = int(HIGHEST * recording.duration / (2.0 * np.pi))
+        used = np.arange(BAND, min(end, spectra["u"].shape[1]) // BAND * BAND)
+    omega = 2.0 * np.pi / recording.duration * used
+    control = spectra["u"][:, used]
+    left = control.copy()
+    responses = estimate.model.response(omega, estimate.values)
+    for channel, response in zip(estimate.model.channels, responses, strict=True):
+        left -= channel.sign * response * spectra[channel.on][:, used]
+    if every:
+        return 100.0 * max(0.0, 1.0 - _power(left) / _power(control))
+    forcing = [_windowed(recording, n)[:, used] for n in ("ft", "fd") if _moves(recording, n)]
+    if not forcing:
+        return None
+    unexplained = total = 0.0
+    for first in range(0, used.size, BAND):
+        band = slice(first, first + BAND)
+        basis = np.stack([f[:, band].ravel() for f in forcing], axis=1)
+        basis = np.linalg.qr(basis)[0]
+        rest = left[:, band].ravel()
+        forced, noise = (basis.conj().T @ own for own in (control[:, band].ravel(), rest))
+        weight = 1.0 / (_power(rest - basis @ noise) + 1e-300)
+        total += weight * _power(forced)
+        unexplained += weight * _power(noise)
+    return 100.0 * max(0.0, 1.0 - unexplained / total)
+
+
+def _inputs(estimate: Estimate) -> tuple[str, ...]:
+    return tuple({channel.on for channel in estimate.model.channels})
+
+
+def _moves(recording: Recording, name: str) -> bool:
+    if name == "fd" and recording.fd is None:
+        return False
+    return bool(np.ptp(recording.window(recording.input(name))) > 0.0)
+
+
+def _windowed(recording: Recording, name: str, *, lines: bool = False) -> ComplexArray:
+    """Transform of a signal, behind a window where it has no whole periods."""
+    signal = recording.window(recording.input(name))
+    if not lines:
+        signal = (signal - signal.mean(axis=1, keepdims=True)) * np.hanning(signal.shape[1])
+    return np.asarray(np.fft.rfft(signal))
+
+
+def _power(values: ComplexArray) -> float:
+    return float(np.sum(np.abs(values) ** 2))
+
+
+def _steps(estimate: Estimate) -> Iterator[Remark]:
+    """A change of a time-varying pilot that the recording cannot tell from a step."""
+    model = estimate.model
+    if not model.changes or estimate.values[model.change[1]] <= STEEP:
+        return
+    middle, rate = model.change
+    channel = next(channel for channel in model.channels if channel.changing)
+    least = float(estimate.intervals[rate, 0])
+    bound = f", at least {least:.2g} 1/s" if np.isfinite(least) else ""
+    yield Remark(
+        "step-change",
+        f"the {channel.name} channel changes in a step at {estimate.values[middle]:.4g} s: "
+        f"{model.keys[rate]} above {STEEP:g} 1/s means no more than fast{bound}",
+    )
+
+
+def _short_delays(estimate: Estimate) -> Iterator[Remark]:
+    """Delays that people do not have."""
+    for i in estimate.model.delays:
+        value, end = float(estimate.values[i]), float(estimate.intervals[i, 1])
+        if value < ESTIMATE.shortest_delay:
+            possible = end > ESTIMATE.shortest_delay
+            reach = f", though its interval goes up to {end:.3g} s" if possible else ""
+            yield Remark(
+                "short-delay",
+                f"{estimate.model.keys[i]} is {value:.3g} s, but people's delays are not below "
+                f"{ESTIMATE.shortest_delay:g} s{reach}: another parameter may have taken its part "
+                "(a lag, a slow neuromuscular system), or u was recorded early",
+                "note" if possible else "doubt",
+            )
+
+
+def _cancellations(estimate: Estimate) -> Iterator[Remark]:
+    """Zeros and poles of a channel that are closer than their errors."""
+    index = {key: i for i, key in enumerate(estimate.model.keys)}
+    for channel in estimate.model.channels:
+        leads = dict.fromkeys(f for f in channel.factors if isinstance(f, Lead))
+        poles = [p for f in channel.dynamics for p in _poles(f, index, estimate.values)]
+        for lead in leads:
+            for name, logarithm, slope in poles:
+                i = index[lead.key]
+                off = math.log(float(estimate.values[i])) - logarithm
+                gradient = -slope
+                gradient[i] += 1.0 / estimate.values[i]
+                error = math.sqrt(max(float(gradient @ estimate.covariance @ gradient), 0.0))
+                if abs(off) < Z95 * error and error < ESTIMATE.vague_ratio:
+                    yield Remark(
+                        "pole-zero-cancellation",
+                        f"{lead.key} and {name} cancel to within their errors "
+                        f"({math.exp(off):.2f} +- {math.exp(off) * error:.2f} times as long): "
+                        "a model without the two would describe this recording as well",
+                    )
+
+
+def _poles(
+    factor: Factor, index: dict[str, int], values: FloatArray
+) -> Iterator[tuple[str, float, FloatArray]]:
+    """Real poles: name, logarithm of the time constant, and its slope by all parameters."""
+    slope = np.zeros(len(index))
+    if isinstance(factor, Lag):
+        i = index[factor.key]
+        slope[i] = 1.0 / values[i]
+        yield factor.key, math.log(float(values[i])), slope
+    if isinstance(factor, Neuromuscular):
+        f, d = index[factor.frequency_key], index[factor.damping_key]
+        frequency, damping = float(values[f]), float(values[d])
+        if damping > 1.0:
+            # T = (d + sqrt(d^2 - 1))/f is the slow one: d ln T/dd = 1/sqrt(d^2 - 1)
+            root = math.sqrt(damping**2 - 1.0)
+            slope[f], slope[d] = -1.0 / frequency, 1.0 / root
+            name = f"the neuromuscular system ({factor.frequency_key}, {factor.damping_key})"
+            yield name, math.log((damping + root) / frequency), slope
+
+
+def _poorly_identified(estimate: Estimate) -> Iterator[Remark]:
+    """Parameters with an interval that ends at a bound, is wide, or lies to one side."""
+    model = estimate.model
+    low, high = at_bounds(model, *estimate.intervals.T)
+    wide, asymmetric = [], []
+    for parameter, value, interval, is_low, is_high in zip(
+        model.parameters, estimate.values, estimate.intervals, low, high, strict=True
+    ):
+        if not parameter.lower <= value <= parameter.upper:
+            continue  # of a method without bounds, which says so itself
+        if parameter.delay and value < ESTIMATE.shortest_delay and not is_high:
+            continue  # `_short_delays` says so
+        if is_low or is_high:
+            yield _at_bound(parameter, interval.tolist(), is_low, is_high)
+            continue
+        ends = np.array([interval[0], value, interval[1]])
+        if parameter.positive:
+            if spans_decade(*interval):
+                wide.append(f"{parameter.key} ({interval[0]:.2g} .. {interval[1]:.2g})")
+                continue
+            ends = np.log(ends)
+        below, above = np.diff(ends)
+        if max(below, above) > ESTIMATE.asymmetric * min(below, above):
+            asymmetric.append(f"{parameter.key} ({'above' if above > below else 'below'})")
+    if wide:
+        yield Remark(
+            "wide-interval",
+            f"{_is(wide)} poorly identified: the 95 % interval spans more than a factor of "
+            f"{ESTIMATE.wide:g}",
+        )
+    if asymmetric:
+        yield Remark(
+            "asymmetric-interval",
+            f"the 95 % interval of {', '.join(asymmetric)} lies mostly on one side of the value: "
+            "use the interval rather than the standard error",
+        )
+
+
+def _is(names: list[str]) -> str:
+    return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
+
+
+def _at_bound(parameter: Parameter, interval: list[float], is_low: bool, is_high: bool) -> Remark:
+    key, unit = parameter.key, f" {parameter.unit}" if parameter.unit else ""
+    if is_low and is_high:
+        return Remark(
+            "not-identifiable",
+            f"{key} is not identifiable from this recording: its interval spans the whole allowed "
+            f"range, {parameter.lower:g} .. {parameter.upper:g}{unit}",
+        )
+    side, end = ("most", interval[1]) if is_low else ("least", interval[0])
+    bound = parameter.lower if is_low else parameter.upper
+    if math.isclose(end, bound, rel_tol=1e-3):
+        return Remark(
+            "at-bound",
+            f"{key} is at its bound {bound:g}{unit}: the model may be wrong, or the bound too "
+            "tight",
+        )
+    told = (
+        f"{key} is at {side} {end:.3g}{unit}, and the recording does not tell more: "
+        f"its interval reaches the bound {bound:g}{unit}"
+    )
+    low, high = parameter.usual
+    # A lead or lag that is next to none is no wonder; one beyond all that is published is.
+    strange = end > high if is_high else end < low and parameter.unit != "s"
+    if not strange or parameter.linear:
+        return Remark("interval-at-bound", told)
+    told += f"; {low:g} .. {high:g}{unit} are published, so it may stand for something else"
+    return Remark("interval-at-bound", told, "doubt")

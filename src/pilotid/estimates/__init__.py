@@ -1,5 +1,0 @@
-"""What a method is and what it returns.
-
-Imports pilots and recordings; knows of no estimator.  Start at `method` (the protocol, and
-`identify`), then `estimate`.
-"""

@@ -1,0 +1,407 @@
+"""The likelihood of a band: which frequencies count, and the loop that closes over them.
+
+Over some of the bins of a transform the likelihood of the control, given the forcing functions, is
+
+    F = sum W { |N|^2 / S + log S - log |1 + L|^2 },   N = u less its prediction,
+
+with S the remnant's spectrum, L the loop from control to prediction, and W the weight of a bin.
+Prediction errors, which leave the last term out, are the likelihood over all frequencies only:
+there, and there alone, the integral of log |1 + L|^2 is nil (Bode), since a loop with a delay
+answers nothing at once.  Over a band, leaving it out biases the delays of motion channels, by a
+standard error and more in bands of 20 to 30 rad/s.
+
+A bin counts as far as the model's inputs are no noise of the recorder.  What does not count is
+not lost to the remnant's model, which an autoregression in a part of the frequencies leaves
+undetermined: there it describes the control itself, with a small weight.  Nothing of that depends
+on the pilot.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pilotid.checks.detectors import band_end
+from pilotid.element_fit import closing_element
+from pilotid.likelihood.prepare import FAR
+from pilotid.model.element import ControlledElement
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import floors_of, periodogram, running_median
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray
+
+#: Share of the Nyquist frequency up to which bins count: above, the filter that all signals pass
+#: falls off.
+TOP_SHARE = 0.8
+#: Weight of uncounted bins in the remnant's model; coverage is the same from .02 to 1 (populations
+#: usual and exotic).
+OUTSIDE_WEIGHT = 0.1
+#: Weights below this are none.
+MIN_WEIGHT = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Weighting:
+    """What a recording says of its frequencies, in an analysis band.
+
+    Attributes
+    ----------
+    omega, share
+        Frequencies [rad/s], and the weight of a bin there, shape (n,).
+    control
+        Mean power of the control's bins there, shape (n,): that of a sample, if it were white.
+    element, unknown
+        The controlled element, which closes the loop, and the relative standard error of its
+        response; 0 for an element that was named.
+    hidden
+        Whether the inputs hardly stand above the recorder's floor anywhere.
+    """
+
+    omega: FloatArray
+    share: FloatArray
+    control: FloatArray
+    element: ControlledElement
+    unknown: float
+    hidden: bool
+
+    def weights(self, omega: FloatArray) -> FloatArray:
+        """Weights of bins at other frequencies, shape (n,)."""
+        return np.asarray(np.interp(omega, self.omega, self.share, right=0.0))
+
+    @property
+    def answers_at_once(self) -> bool:
+        """Whether the loop does not fall off above the band, and tells of the pilot there."""
+        edge = TOP_SHARE * float(self.omega[-1])
+        gain = np.abs(self.element.response(np.array([edge, 2.0 * edge])))
+        return bool(gain[1] >= 0.7 * gain[0])  # 1 of a gain, .5 of an integrator
+
+    def terms(self, dt: float, scored: int, runs: int, poles: tuple[float, ...]) -> BandTerms:
+        """The weights of the bins of a window.
+
+        Parameters
+        ----------
+        dt
+            Sampling interval [s].
+        scored, runs
+            Samples of the window, and number of runs.
+        poles
+            Poles of the nuisance terms that are projected out [rad/s]; 0 is an offset.
+        """
+        omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, dt)[1:], dtype=float)
+        weights = self.weights(omega)
+        weights[weights < MIN_WEIGHT] = 0.0
+        outside = OUTSIDE_WEIGHT * (1.0 - weights)
+        control = np.interp(omega, self.omega, self.control)
+        begins = group_begins(omega)
+        middle = np.add.reduceat(omega, begins) / np.diff([*begins, omega.size])
+        left = 2.0 * runs * np.add.reduceat(outside * control, begins)
+        lags = np.arange(FAR + 1)
+        by_lag = np.cos(np.outer(lags, middle * dt)) @ left
+        # The mean is half a bin, unless it is projected out.
+        mean = 0.0 if 0.0 in poles else 0.5
+        counting = int(np.flatnonzero(weights)[-1]) + 1
+        # Poles slower than the window tells are integrators, whatever the sign of their real part.
+        of_element = np.roots(self.element.denominator)
+        inside = runs * np.add.reduceat(weights, begins)
+        whitened = inside + runs * np.add.reduceat(outside, begins)
+        return BandTerms(
+            weights=np.concatenate([[mean], weights[:counting]]),
+            omega=np.concatenate([[0.25 * omega[0]], middle]),
+            inside=np.concatenate([[mean * runs], inside]),
+            whitened=np.concatenate([[mean * runs], whitened]),
+            outside=by_lag[np.abs(np.subtract.outer(lags, lags))],
+            dt=dt,
+            taken=runs * len(set(poles) - {0.0}),
+            unstable=int(np.sum((of_element.real > 0.0) & (np.abs(of_element) > omega[0]))),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class BandTerms:
+    """What the likelihood of a window has beside the squares of its prediction errors.
+
+    Attributes
+    ----------
+    weights
+        Weights of the bins of the scored samples from rest on, as far as they count.
+    omega
+        Frequencies of groups of bins [rad/s], shape (groups,).
+    inside, whitened
+        Sums of the weights of all runs in each group, and of those of the remnant's model.
+    outside
+        Products at all pairs of lags of what does not count, shape (FAR + 1, FAR + 1).
+    dt
+        Sampling interval [s].
+    taken
+        Residuals that nuisance terms take.
+    unstable
+        Unstable poles of the controlled element, slower ones than the first bin left out.
+    """
+
+    weights: FloatArray
+    omega: FloatArray
+    inside: FloatArray
+    whitened: FloatArray
+    outside: FloatArray
+    dt: float
+    taken: int
+    unstable: int
+
+    @property
+    def residuals(self) -> int:
+        """Number of real residuals."""
+        return max(1, round(2.0 * float(self.whitened.sum())) - self.taken)
+
+    @cached_property
+    def counting(self) -> int:
+        """Number of groups that count for the pilot."""
+        return int(np.flatnonzero(self.inside)[-1]) + 1
+
+    @cached_property
+    def shifts(self) -> ComplexArray:
+        """Responses of delays by 0 to FAR samples, shape (FAR + 1, groups)."""
+        return np.asarray(np.exp(-1j * np.outer(np.arange(FAR + 1), self.omega * self.dt)))
+
+    def weighted(self, rows: FloatArray) -> FloatArray:
+        """Rows (..., samples) as real numbers whose products are those in the band."""
+        spectra = np.fft.rfft(rows)[..., : self.weights.size]
+        spectra *= np.sqrt(2.0 * self.weights / rows.shape[-1])
+        return np.ascontiguousarray(spectra).view(float)
+
+    def lagged(self, signal: FloatArray, order: int) -> FloatArray:
+        """As `weighted` of a signal delayed by 0, 1, ..., `order` samples.
+
+        Parameters
+        ----------
+        signal
+            The signal from `order` samples before the window on, shape (..., order + samples).
+        order
+            The longest delay.
+
+        Returns
+        -------
+        FloatArray
+            Shape (order + 1, ..., n).
+        """
+        samples = signal.shape[-1] - order
+        bins = np.arange(self.weights.size)
+        delay = np.exp(-2j * np.pi / samples * bins)
+        found = np.empty((order + 1, *signal.shape[:-1], bins.size), dtype=complex)
+        found[0] = np.fft.rfft(signal[..., order:])[..., : bins.size]
+        for lag in range(order):  # a window that slides by a sample gains one and loses one
+            change = signal[..., order - 1 - lag] - signal[..., -1 - lag]
+            np.multiply(found[lag], delay, out=found[lag + 1])
+            found[lag + 1] += change[..., None]
+        found *= np.sqrt(2.0 * self.weights / samples)
+        return found.view(float)
+
+    def filtered(self, rows: FloatArray) -> FloatArray:
+        """Rows (..., samples) filtered by the weights: their products with rows are weighted."""
+        spectra = np.fft.rfft(rows)
+        spectra[..., 0] *= 2.0 * self.weights[0]
+        spectra[..., 1 : self.weights.size] *= self.weights[1:]
+        spectra[..., self.weights.size :] = 0.0
+        return np.asarray(np.fft.irfft(spectra, n=rows.shape[-1]))
+
+    def are_stable(self, closed: ComplexArray) -> BoolArray:
+        """Whether loops are stable, of 1 + L in the groups that count, shape (sets, counting).
+
+        Nyquist's criterion: from the highest frequency down to the lowest the phase of 1 + L goes
+        to 0 (a gain at rest), -90 or -180 deg (integrators), less 180 deg for each unstable pole
+        of the element; each unstable pole of the loop adds 180 deg.
+        """
+        phase = np.unwrap(np.angle(closed[:, ::-1]), axis=1)[:, -1]
+        return np.asarray(phase + np.pi * self.unstable < np.pi / 3.0)
+
+    def of_loop(self, closed: ComplexArray) -> FloatArray:
+        """-sum W log |1 + L|^2 of 1 + L in the groups that count, shape (sets, counting)."""
+        return np.asarray(-np.log(np.abs(closed) ** 2) @ self.inside[: self.counting])
+
+    def of_whitener(self, taps: FloatArray) -> FloatArray:
+        """-sum V log |A|^2 of whitening filters, shape (sets, taps)."""
+        whitener = taps @ self.shifts[: taps.shape[-1]]
+        return np.asarray(-np.log(np.abs(whitener) ** 2) @ self.whitened)
+
+    def log_determinant(
+        self, loop: ComplexArray, taps: FloatArray, slopes: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """-sum W log |1 + L|^2 - sum V log |A|^2, and what it says of the parameters.
+
+        V is the weight of the remnant's model and A its whitening filter.
+
+        Parameters
+        ----------
+        loop
+            Less the derivatives of 1 + L by the pilot's p parameters, and 1 + L itself, in the
+            groups that count, shape (sets, p + 1, counting).
+        taps, slopes
+            Whitening filters, shape (sets, taps), and their derivatives, shape (sets, r, taps).
+
+        Returns
+        -------
+        The term, shape (sets,), its slopes, shape (sets, p + r), and the information in it at
+        unit variance, shape (sets, p + r, p + r).
+        """
+        shifts, inside = self.shifts[: taps.shape[-1]], self.inside[: self.counting]
+        # Slopes are real: so are the products, of real and imaginary parts side by side.
+        by_remnant = (slopes @ shifts.view(float)).view(complex) / (taps @ shifts)[:, None]
+        by_pilot = loop[:, :-1] / -loop[:, -1:]
+        term = self.of_loop(loop[:, -1]) + self.of_whitener(taps)
+        slope = np.concatenate([by_pilot.real @ inside, by_remnant.real @ self.whitened], axis=1)
+        # Not conjugated: with the products of the rows this makes the squares of real parts.
+        weighted = by_pilot * inside
+        own = (weighted @ by_pilot.transpose(0, 2, 1)).real
+        across = (weighted @ by_remnant[..., : self.counting].transpose(0, 2, 1)).real
+        remnant = ((by_remnant * self.whitened) @ by_remnant.transpose(0, 2, 1)).real
+        upper = np.concatenate([own, across], axis=2)
+        lower = np.concatenate([across.transpose(0, 2, 1), remnant], axis=2)
+        return term, -2.0 * slope, 2.0 * np.concatenate([upper, lower], axis=1)
+
+    def by_gain(self, loop: ComplexArray) -> FloatArray:
+        """Derivatives of the slopes of `log_determinant` by the logarithm of the element's gain.
+
+        The shape is (sets, p) of a `loop` as there.
+        """
+        by_pilot = loop[:, :-1] / -loop[:, -1:]
+        return np.asarray(-2.0 * (by_pilot / loop[:, -1:]).real @ self.inside[: self.counting])
+
+    def closed(
+        self,
+        products: FloatArray,
+        loop: ComplexArray,
+        taps: FloatArray,
+        slopes: FloatArray,
+        share: FloatArray | float = 1.0,
+    ) -> FloatArray:
+        """Inner products whose last one, Q, has the likelihood of the band by n log Q.
+
+        With squares Q0, n residuals and the log-determinant D that is Q = Q0 exp(2 D / n): what
+        minimises sums of squares, and compares them by n log Q, needs to know nothing of D.
+
+        Parameters
+        ----------
+        products
+            Weighted inner products of Jacobian and errors, (sets, p + r + 1, p + r + 1).
+        loop, taps, slopes
+            See `log_determinant`.
+        share
+            Share of the residuals that the products have, one or of each set, shape (sets,).
+        """
+        term, slope, information = self.log_determinant(loop, taps, slopes)
+        size = float(self.residuals)
+        variance = products[:, -1, -1] / (size * share)
+        information -= (2.0 / size) * slope[:, :, None] * slope[:, None, :]
+        information *= (share * variance)[:, None, None]
+        # Far from the optimum it may take more than the squares have: then it is left out.
+        own = np.diagonal(products, axis1=1, axis2=2)[:, :-1]
+        unsound = (np.diagonal(information, axis1=1, axis2=2) < (0.02 - 1.0) * own).any(axis=1)
+        information[unsound] = 0.0
+        found = products.copy()
+        found[:, :-1, :-1] += information
+        slope *= (share * variance)[:, None]
+        found[:, -1, :-1] -= slope
+        found[:, :-1, -1] -= slope
+        found *= np.exp(2.0 * term / size)[:, None, None]
+        found[~self.are_stable(loop[:, -1])] *= 1e3  # beyond all others
+        return np.asarray(found)
+
+
+def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[FloatArray, FloatArray]:
+    """Autoregressions that are most likely in a band, each given its pilot.
+
+    Parameters
+    ----------
+    products
+        Products of the residual at all pairs of lags, those outside the band included, shape
+        (sets, order + 1, order + 1).
+    terms
+        The band.
+
+    Returns
+    -------
+    Whitening filters, shape (sets, order + 1), and log-determinants of the Hessians of
+    (n / 2) log(sum of squares) - sum V log |A|^2 there, shape (sets,).
+    """
+    order, size = products.shape[1] - 1, float(terms.residuals)
+    taps = np.ones(products.shape[:2])
+    taps[:, 1:] = -np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])[..., 0]
+    shifts = terms.shifts[: 2 * order + 1]
+    sums = np.add.outer(np.arange(1, order + 1), np.arange(1, order + 1))
+    for _ in range(4):
+        along = (products @ taps[..., None])[..., 0]
+        squares = np.vecdot(along, taps)
+        inverse = 1.0 / (taps @ shifts[: order + 1])
+        slope = size * along[:, 1:] / squares[:, None]
+        slope -= 2.0 * ((inverse * terms.whitened) @ shifts[1 : order + 1].T).real
+        hessian = size * products[:, 1:, 1:] / squares[:, None, None]
+        across = along[:, 1:] / squares[:, None]
+        hessian -= 2.0 * size * across[:, :, None] * across[:, None, :]
+        hessian += 2.0 * ((inverse**2 * terms.whitened) @ shifts.T).real[:, sums]
+        taps[:, 1:] -= np.linalg.solve(hessian, slope[..., None])[..., 0]
+    sign, log_determinant = np.linalg.slogdet(hessian)
+    return taps, np.where(sign > 0.0, log_determinant, np.nan)
+
+
+def group_begins(
+    omega: FloatArray,
+    share: float = 1.0 / 30.0,
+    widest: float = 0.25,
+    first: int = 0,
+) -> list[int]:
+    """First bins of the groups of bins at `omega` [rad/s].
+
+    A group is a share of its frequency wide, and at most so many rad/s.
+    """
+    listed, begins = omega.tolist(), [first]
+    while begins[-1] < len(listed):
+        lowest = listed[begins[-1]]
+        end = bisect_right(listed, lowest + min(share * lowest, widest))
+        begins.append(max(end, begins[-1] + 1))
+    return begins[:-1]
+
+
+def weighting_of(
+    recording: Recording,
+    model: PilotModel,
+    control: FloatArray,
+    dt: float,
+    others: tuple[str, ...] = (),
+) -> Weighting | None:
+    """How the frequencies of a recording count.
+
+    Parameters
+    ----------
+    recording, model
+        The recording, and the model that is fitted to it.
+    control, dt
+        The control in the analysis band, shape (runs, samples), and its sampling interval [s].
+    others
+        Signals whose floors count besides those of the model's inputs.
+
+    Returns
+    -------
+    Weighting or None
+        None where the likelihood of a band is not to be had: no controlled element is known, or
+        the pilot varies in time or acts on an extra signal, so that the loop has no known
+        frequency response.
+    """
+    element, unknown = closing_element(recording)
+    if model.no_loop or element is None:
+        return None
+    floors, nyquist = floors_of(recording), math.pi / dt
+    inside = floors.omega <= nyquist
+    omega = floors.omega[inside]
+    inputs = (channel.on for channel in model.channels)
+    share = floors.share(tuple(dict.fromkeys((*inputs, *others))))[inside]
+    power = np.interp(omega, *running_median(*periodogram(control, dt))) * nyquist
+    share = np.where(omega <= min(TOP_SHARE * nyquist, band_end(recording)), share, 0.0)
+    share[share < MIN_WEIGHT] = 0.0
+    # Three bins for each of seven parameters.
+    hidden = float(np.mean(share)) * control.shape[1] / 2.0 < 20.0
+    if hidden:
+        share = np.where(omega <= TOP_SHARE * nyquist, 1.0, 0.0)
+    return Weighting(omega, share, power, element, unknown, hidden)

@@ -1,0 +1,234 @@
+"""The likelihood of pilot and remnant, as sums of squares with their Jacobian.
+
+The residual u - u_hat is the remnant.  Whitened by a filter that follows from a model
+of the remnant's spectrum it is the prediction error, and the sum of its squares is the
+likelihood of pilot and remnant parameters together (Ljung, System Identification, 2nd
+ed., ch. 7).  In a closed loop whose delay keeps the remnant from reaching the inputs at
+once this is consistent, and efficient, without any knowledge of the loop.
+
+A remnant without parameters leaves the pilot's alone: `WHITE` is output error.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+
+from pilotid.likelihood.prediction import Prediction
+from pilotid.likelihood.remnant_models import WHITE, NoiseModel
+from pilotid.solve.least_squares import Problem
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray
+
+
+class Likelihood(Problem):
+    """Prediction errors by pilot and remnant parameters, in this order.
+
+    It is a space, and has Gram matrices, for `pilotid.solve.least_squares.minimise`.
+
+    Parameters
+    ----------
+    prediction
+        The prepared prediction.
+    noise
+        Model of the remnant's spectrum.
+    adjoint
+        Whether Gram matrices have the exact last row and column alone, by the adjoint, and all
+        else from binned spectra: for searches, see `Prediction.is_large`.
+    """
+
+    def __init__(
+        self,
+        prediction: Prediction,
+        noise: NoiseModel = WHITE,
+        *,
+        adjoint: bool = False,
+    ) -> None:
+        self.prediction, self.noise, self.adjoint = prediction, noise, adjoint
+        self.band, self.terms = prediction.band, prediction.band_terms
+        self.block = (prediction.binned if adjoint else prediction).block
+        self.pilot = len(prediction.model.parameters)
+
+    @cached_property
+    def lower(self) -> FloatArray:
+        """Lower bounds."""
+        return np.concatenate([self.prediction.model.lower, self.noise.lower])
+
+    @cached_property
+    def upper(self) -> FloatArray:
+        """Upper bounds."""
+        return np.concatenate([self.prediction.model.upper, self.noise.upper])
+
+    @cached_property
+    def positive(self) -> BoolArray:
+        """Which parameters are searched on a logarithmic scale."""
+        return np.concatenate([self.prediction.model.positive, self.noise.positive])
+
+    @cached_property
+    def coarse(self) -> Likelihood:
+        """The same of binned spectra."""
+        return Likelihood(self.prediction.binned, self.noise)
+
+    @property
+    def residuals(self) -> int:
+        """Number of prediction errors, see `Prediction.samples`; in a band that of its bins."""
+        return self.prediction.samples if self.terms is None else self.terms.residuals
+
+    def whitener(self, values: FloatArray) -> FloatArray:
+        """Whitening filter at one parameter set, shape (taps,)."""
+        return np.asarray(self.noise.taps(values[None, self.pilot :], self.band)[0][0])
+
+    def rows(self, values: FloatArray) -> FloatArray:
+        """Jacobian of the prediction, and below it the prediction error.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+
+        Returns
+        -------
+        Array of shape (sets, parameters + 1, runs, scored).
+        """
+        prediction = self.prediction
+        return prediction.without_nuisance(prediction.samples_of(self._spectra(values)))
+
+    def products(self, values: FloatArray) -> FloatArray:
+        """Inner products of `rows`, see `Problem.products`; in a band those of its likelihood."""
+        found = (self.coarse if self.adjoint else self).squares(values)
+        if self.adjoint:
+            lasts = np.array([self.last(each) for each in values])
+            if self.terms is not None:
+                lasts += self.outside(values)[:, -1]
+            found[:, -1] = found[:, :, -1] = lasts
+        return found if self.terms is None else self.terms.closed(found, *self._determined(values))
+
+    def squares(self, values: FloatArray) -> FloatArray:
+        """Inner products of `rows`, in a band weighted and with those outside, of its squares."""
+        prediction = self.prediction
+        regressed = self.noise.regressive and prediction.block > 1 and not any(prediction.terms)
+        if self.terms is None:
+            return super().products(values)
+        if regressed and prediction.weights is None:
+            rows = self._regressed_in_band(values)
+        else:
+            rows = prediction.weighed(self.rows(values))
+        flat = rows.reshape(*rows.shape[:2], -1)
+        return np.asarray(flat @ flat.transpose(0, 2, 1)) + self.outside(values)
+
+    def _regressed_in_band(self, values: FloatArray) -> FloatArray:
+        """Weighted `rows` with an autoregression: the residual's past takes one transform."""
+        prediction, terms = self.prediction, self.terms
+        assert terms is not None
+        coefficients = values[:, self.pilot :]
+        spectra = prediction.row_spectra(values[:, : self.pilot])
+        signal = prediction.samples_before(spectra[:, -1], coefficients.shape[1])
+        lags = np.moveaxis(terms.lagged(signal, coefficients.shape[1]), 0, 1)
+        taps, _ = self.noise.taps(coefficients, self.band)
+        pilot = spectra[:, :-1] * prediction.filter_response(taps)[:, None, None]
+        rows = np.empty((len(values), values.shape[1] + 1, *lags.shape[2:]))
+        rows[:, : self.pilot] = terms.weighted(prediction.samples_of(pilot))
+        np.negative(lags[:, 1:], out=rows[:, self.pilot : -1])
+        flat = lags.reshape(*lags.shape[:2], -1)
+        rows[:, -1] = (taps[:, None] @ flat).reshape(rows[:, -1].shape)
+        return np.asarray(rows)
+
+    def outside(self, values: FloatArray) -> FloatArray:
+        """Inner products of what the whitening filter and its slopes make of what does not count.
+
+        The shape is (sets, parameters + 1, parameters + 1), as that of `products`.
+        """
+        assert self.terms is not None
+        taps, slopes = self.noise.taps(values[:, self.pilot :], self.band)
+        rows = np.concatenate([-slopes, taps[:, None]], axis=1)
+        count = rows.shape[-1]
+        found = np.zeros((len(values), values.shape[1] + 1, values.shape[1] + 1))
+        found[:, self.pilot :, self.pilot :] = (
+            rows @ self.terms.outside[:count, :count] @ rows.transpose(0, 2, 1)
+        )
+        return found
+
+    def _determined(self, values: FloatArray) -> tuple[ComplexArray, FloatArray, FloatArray]:
+        """What `BandTerms.log_determinant` needs of parameter sets."""
+        loop = self.prediction.loop.row_spectra(values[:, : self.pilot])[:, :, 0]
+        return loop, *self.noise.taps(values[:, self.pilot :], self.band)
+
+    def log_determinant(self, values: FloatArray) -> float:
+        """What the likelihood of the band has beside squares, at one set, (parameters,)."""
+        if self.terms is None:
+            return 0.0
+        return float(self.terms.log_determinant(*self._determined(values[None]))[0][0])
+
+    def log_likelihood(self, values: FloatArray, variance: float | None = None) -> float:
+        """Log-likelihood at one parameter set, shape (parameters,).
+
+        `variance` is that of the prediction errors; None for the most likely one.
+        """
+        count = self.residuals
+        squares = float(self.squares(values[None])[0, -1, -1])
+        if variance is None:
+            variance = squares / count
+        return -0.5 * (count * math.log(2.0 * math.pi * variance) + squares / variance) - (
+            self.log_determinant(values)
+        )
+
+    def tested_rows(self, values: FloatArray) -> FloatArray:
+        """`rows` at one parameter set, whose products with the errors are those of the fit.
+
+        In a band the Jacobian by the pilot is filtered by the weights, and the errors are not.
+        """
+        rows = self.rows(values[None])[0]
+        if self.terms is not None:
+            rows = np.concatenate([self.terms.filtered(rows[: self.pilot]), rows[self.pilot :]])
+        return np.asarray(rows)
+
+    def scaling(self, values: FloatArray) -> float:
+        """The factor of the likelihood on squares of prediction errors; 1 without a band."""
+        return math.exp(2.0 * self.log_determinant(values) / self.residuals)
+
+    def _spectra(self, values: FloatArray) -> ComplexArray:
+        """The transforms of `rows` before nuisance terms are projected out."""
+        prediction = self.prediction
+        pilot, remnant = values[:, : self.pilot], values[:, self.pilot :]
+        taps, slopes = self.noise.taps(remnant, self.band)
+        spectra = prediction.row_spectra(pilot, between=slopes.shape[1])
+        if taps.shape[-1] == 1:
+            return spectra
+        residual = spectra[:, -1:]
+        filters = prediction.filter_response(np.concatenate([slopes, taps[:, None]], axis=1))
+        np.multiply(filters[:, :-1, None], -residual, out=spectra[:, self.pilot : -1])
+        spectra[:, : self.pilot] *= filters[:, -1:, None]
+        residual *= filters[:, -1:, None]
+        return spectra
+
+    def last(self, values: FloatArray) -> FloatArray:
+        """Inner products of the prediction error with all rows, its own last, by the adjoint.
+
+        Parameters
+        ----------
+        values
+            Parameters of pilot and remnant, shape (parameters,).
+
+        Returns
+        -------
+        FloatArray
+            Shape (parameters + 1,).
+        """
+        prediction, length = self.prediction, self.prediction.length
+        spectra = self._spectra(values[None])[0]
+        errors = plain = prediction.without_nuisance(prediction.samples_of(spectra[-1]))
+        if self.terms is not None:
+            errors = prediction.without_nuisance(self.terms.filtered(errors))
+        padded = np.zeros((prediction.runs, length))
+        padded[:, prediction.first : prediction.first + prediction.scored] = errors
+        # Bins stand for two, but for the first and the one at half the sampling rate.
+        counted = np.full(length // 2 + 1, 2.0 / length)
+        counted[0] = 1.0 / length
+        if length % 2 == 0:
+            counted[-1] = 1.0 / length
+        # What times a transform, summed over bins, is the product of its samples with the errors.
+        adjoint = np.fft.rfft(padded).conj() * counted
+        last = (spectra.reshape(len(spectra), -1) @ adjoint.ravel()).real
+        last[-1] = np.vdot(plain, errors)
+        return np.asarray(last)

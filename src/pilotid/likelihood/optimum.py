@@ -1,0 +1,286 @@
+"""The optimum of the likelihood, how it was found, and what its errors follow from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from pilotid.estimate.estimate import Starts
+from pilotid.estimate.parts import AnalysedBand, RemnantEstimate
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.prediction import Prediction
+from pilotid.likelihood.remnant_models import BandPass, criterion
+from pilotid.likelihood.settings import (
+    BAND_PASS_PENALTY,
+    BARTLETT_SECONDS,
+    COMPARED_TOLERANCE,
+    MIN_VAF_RATIO,
+    REPORTED_TOLERANCE,
+    SAME_OPTIMUM_DISTANCE,
+)
+from pilotid.model.loops import are_stable
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import floors_of
+from pilotid.solve.covariance import covariance_of, score_dispersion
+from pilotid.solve.least_squares import Minima, minimise
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.types import BoolArray, FloatArray, IntArray
+
+
+class Candidates:
+    """Which parameters can be those of a pilot: the recorded loop was stable.
+
+    A model that predicts the control as the inverse of the controlled element does has a high
+    likelihood; its loop with the element is unstable, or so near to it that its simulated response
+    explains nothing of the control, or far less than that of the pilot of the forcing lines.
+
+    Parameters
+    ----------
+    coarse
+        The prediction with binned spectra.
+    lines_pilot
+        The pilot fitted to the forcing functions' lines, shape (1, parameters); None where there
+        are no lines.
+    """
+
+    def __init__(self, coarse: Prediction, lines_pilot: FloatArray | None) -> None:
+        self._coarse = coarse
+        self._total = float(np.sum(coarse.samples_of(coarse.control_spectrum) ** 2))
+        self.least = 0.0
+        if lines_pilot is not None:
+            self.least = MIN_VAF_RATIO * float(self.explained(lines_pilot)[0])
+
+    def explained(self, sets: FloatArray) -> FloatArray:
+        """Share of the control that simulated responses explain, shape (sets,).
+
+        Parameters
+        ----------
+        sets
+            Parameters of the pilot, shape (sets, parameters).
+        """
+        left = self._coarse.samples_of(self._coarse.residual_spectra(sets))
+        return np.asarray(1.0 - np.sum(left**2, axis=(1, 2)) / self._total)
+
+    def __call__(self, sets: FloatArray) -> BoolArray:
+        """Which parameters pass, the pilot's first, shape (sets,)."""
+        model, weighting = self._coarse.model, self._coarse.weighting
+        pilots = sets[:, : len(model.parameters)]
+        explained = self.explained(pilots)
+        passed = (explained > 0.0) & (explained >= self.least)
+        if weighting is not None:
+            passed &= are_stable(model, pilots, weighting.element)
+        return np.asarray(passed)
+
+    def which(self, ends: Minima) -> IntArray:
+        """Indices of the ends that pass, of all if none does."""
+        kept = self(ends.values)
+        return np.flatnonzero(kept if kept.any() else ~kept)
+
+
+#: What is told of a search from one start.
+ONE_START = Starts(cost=np.ones(1), agreeing=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """Where the likelihood of pilot and remnant is largest.
+
+    Attributes
+    ----------
+    joint
+        The problem: prediction and model of the remnant.
+    end
+        Its optimum, whose first entry counts.
+    starts
+        Record of the search that led there.
+    iterations
+        Iterations in the analysis band.
+    check
+        Tells whether parameters simulate the control, where that was asked.
+    lines_pilot
+        The pilot that the forcing functions' lines show, shape (1, parameters), if they do.
+    competing
+        Pilots of other optima that are as likely, each of shape (parameters,).
+    """
+
+    joint: Likelihood
+    end: Minima
+    starts: Starts = ONE_START
+    iterations: int = 0
+    check: Candidates | None = None
+    lines_pilot: FloatArray | None = None
+    competing: Sequence[FloatArray] = ()
+
+    @property
+    def values(self) -> FloatArray:
+        """Parameters of pilot and remnant, shape (parameters,)."""
+        return np.asarray(self.end.values[0])
+
+    @property
+    def pilot(self) -> FloatArray:
+        """The pilot's parameters, shape (parameters,)."""
+        return self.values[: self.joint.pilot]
+
+    @cached_property
+    def whitener(self) -> FloatArray:
+        """The filter that whitens its remnant, shape (taps,)."""
+        return self.joint.whitener(self.values)
+
+    @property
+    def criterion(self) -> float:
+        """The criterion that chooses the remnant's model, of pilot and remnant together."""
+        joint = self.joint
+        power = float(self.end.cost[0]) / joint.residuals
+        penalty = BAND_PASS_PENALTY if isinstance(joint.noise, BandPass) else 0.0
+        return criterion(joint.noise, power, joint.residuals, joint.pilot) + penalty
+
+    @property
+    def short(self) -> float:
+        """Possible further decrease of the criterion of a fit that is only compared."""
+        return 10.0 * COMPARED_TOLERANCE * self.joint.residuals
+
+    def is_near(self, pilot: FloatArray) -> bool:
+        """Whether a pilot, shape (parameters,), differs by no more than its errors."""
+        return self.end.apart(pilot, self.joint.residuals) <= SAME_OPTIMUM_DISTANCE
+
+    @property
+    def is_pilot(self) -> bool:
+        """Whether it can be a pilot, see `Candidates`."""
+        return self.check is None or bool(self.check(self.pilot[None])[0])
+
+    @property
+    def freedom(self) -> int:
+        """Residuals less parameters."""
+        return self.joint.residuals - len(self.values)
+
+    @property
+    def variance(self) -> float:
+        """Variance of the prediction error."""
+        # Of a recording without a remnant rounding errors are left, of any sign.
+        return max(float(self.end.cost[0]), 1e-300) / self.freedom
+
+    @cached_property
+    def tested_rows(self) -> FloatArray:
+        """Whitened Jacobian and, last, prediction errors, (parameters + 1, runs, samples)."""
+        return self.joint.tested_rows(self.values)
+
+    @cached_property
+    def dispersion(self) -> float:
+        """Variance of the scores of segments over what it would be of a constant pilot.
+
+        It is 1 unless that is certain, and of a time-varying model; larger where the pilot wanders
+        or the model lacks something (quasi-likelihood: McCullagh and Nelder, Generalized Linear
+        Models, 2nd ed., sec. 4.5).
+        """
+        if self.joint.prediction.model.changes:
+            return 1.0
+        length = max(1, round(ESTIMATE.segment / self.joint.prediction.dt))
+        statistic, freedom = score_dispersion(self.tested_rows, self.joint.pilot, length)
+        certain = freedom > 0 and statistic > chi_squared_limit(freedom, ESTIMATE.dispersed)
+        return statistic / freedom if certain else 1.0
+
+    @property
+    def variance_factor(self) -> float:
+        """Factor on variances, and on the deviance that an interval goes to."""
+        prediction = self.joint.prediction
+        seconds = prediction.runs * prediction.scored * prediction.dt
+        return (1.0 + BARTLETT_SECONDS / seconds) * self.dispersion
+
+    @cached_property
+    def element_factor(self) -> FloatArray:
+        """Factor on the variances of the pilot for what is not known of the element's gain."""
+        joint, prediction = self.joint, self.joint.prediction
+        weighting, terms = prediction.weighting, prediction.band_terms
+        if weighting is None or terms is None or weighting.unknown == 0.0:
+            return np.ones(joint.pilot)
+        loop = prediction.loop.row_spectra(self.pilot[None])[:, :, 0]
+        change = np.zeros(len(joint.lower))
+        change[: joint.pilot] = terms.by_gain(loop)[0] * float(self.end.cost[0]) / joint.residuals
+        inverse = covariance_of(self.end.gram[0, :-1, :-1], 1.0)
+        if inverse is None:
+            return np.ones(joint.pilot)
+        moved = weighting.unknown * (inverse @ change)[: joint.pilot]
+        variances = self.variance * np.diag(inverse)[: joint.pilot]
+        return np.asarray(1.0 + moved**2 / variances)
+
+    @property
+    def covariance(self) -> FloatArray | None:
+        """Covariance of the pilot's parameters, None if it is singular."""
+        information = self.end.gram[0, :-1, :-1]
+        variance, pilot = self.variance * self.variance_factor, slice(self.joint.pilot)
+        found = covariance_of(information, variance)
+        if found is None:
+            # A remnant without a shape (next to none, or white) leaves its own parameters
+            # open, but not the pilot's.
+            found = covariance_of(information[pilot, pilot], variance)
+        return None if found is None else found[pilot, pilot]
+
+    @property
+    def remnant(self) -> RemnantEstimate:
+        """What the fit says of the remnant."""
+        joint, band = self.joint, self.joint.band
+        innovation = self.variance / joint.scaling(self.values)
+        lags = np.arange(self.whitener.size)
+        response = np.exp(-1j * np.outer(band.omega * band.dt, lags)) @ self.whitener
+        density = innovation * band.dt / np.pi / np.abs(response) ** 2
+        control = float(np.mean(np.var(joint.prediction.control, axis=1)))
+        power = float(np.mean(density) * np.pi / band.dt) / control
+        shape = dict(zip(joint.noise.keys, self.values[joint.pilot :].tolist(), strict=True))
+        return RemnantEstimate(joint.noise.name, shape, power, band.omega, density)
+
+    def band_of(self, recording: Recording) -> AnalysedBand:
+        """The frequencies that it rests on."""
+        prediction = self.joint.prediction
+        weighting, nyquist = prediction.weighting, math.pi / prediction.dt
+        if weighting is None:
+            return AnalysedBand(nyquist, "direct")
+        counting = weighting.omega[weighting.share > 0.0]
+        return AnalysedBand(
+            float(counting[-1]),
+            "band",
+            weighting.omega,
+            weighting.share,
+            floors_of(recording).floor,
+            weighting.element.name,
+        )
+
+    @cached_property
+    def search(self) -> Likelihood:
+        """The same problem for searches from here, see `Prediction.is_large`."""
+        prediction = self.joint.prediction
+        return Likelihood(prediction, self.joint.noise, adjoint=prediction.is_large)
+
+    def refined(self, tolerance: float = REPORTED_TOLERANCE) -> Optimum:
+        """The same to another tolerance, or to that of what is compared as in `descended`."""
+        joint, start = self.joint, self.end.only([0])
+        if tolerance < COMPARED_TOLERANCE and joint.adjoint:
+            joint = Likelihood(joint.prediction, joint.noise)
+            end = descended(joint, start.values, tolerance)
+        else:
+            end = descended(joint, start, tolerance)
+        return replace(self, joint=joint, end=end, iterations=self.iterations + end.iterations)
+
+    def moved(self, start: FloatArray) -> Optimum:
+        """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
+        end = descended(self.joint, start[None])
+        return replace(self, end=end, iterations=self.iterations + end.iterations)
+
+
+def descended(
+    joint: Likelihood, starts: FloatArray | Minima, tolerance: float = REPORTED_TOLERANCE
+) -> Minima:
+    """The best optimum that starts lead to, as in `minimise`, to a tolerance.
+
+    Along a flat valley the search creeps; where it got is then good enough if the tolerance of
+    what is compared is met.
+    """
+    end = minimise(joint.gram, starts, joint, tolerance=tolerance)
+    if end.converged[0]:
+        return end
+    tolerance = max(tolerance, COMPARED_TOLERANCE)
+    return minimise(joint.gram, end.only([0]), joint, tolerance=tolerance)

@@ -1,0 +1,640 @@
+"""Prediction of the control by a pilot model, with its exact Jacobian.
+
+The prediction is u_hat = F^-1 [ sum over channels of H_c(jw; theta) F(input_c) ]:
+delays are exact and Jacobians follow from the factors' log-derivatives.  Residual
+and Jacobian can be filtered by a whitening filter on the way.  What a recording may not
+tell (an offset of the control, the state in which slow fixed poles started) is a linear
+nuisance term, which is projected out of both.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+
+import numpy as np
+
+from pilotid.likelihood.band_likelihood import BandTerms, Weighting, group_begins, weighting_of
+from pilotid.likelihood.prepare import (
+    FAR,
+    REACH,
+    Band,
+    Prepared,
+    analysis_band,
+    decimation,
+    derivative,
+    edges,
+    fast_length,
+    half_width,
+    lowpass,
+    pad,
+    prepare,
+)
+from pilotid.model.model import Channel, PilotModel
+from pilotid.model.timevarying import Changing
+from pilotid.recording.recording import Recording
+from pilotid.solve.least_squares import BLOCK
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class FineInput:
+    """The input of a channel that varies in time, beyond both ends of the recording.
+
+    Attributes
+    ----------
+    changing
+        What varies.
+    signals
+        The signed input and its derivatives, shape (order + 1, runs, samples); the samples are
+        those of the whole transform, a few for each of its own.
+    time
+        From the start of the measurement window [s], shape (samples,).
+    smoothing
+        Response of the low-pass filter that all signals pass through at the bins of the
+        transform, over the number of fine samples a sample, shape (bins,).
+    """
+
+    changing: Changing
+    signals: FloatArray
+    time: FloatArray
+    smoothing: FloatArray
+
+    def modulated(self, values: FloatArray) -> ComplexArray:
+        """The transform of the modulated input, shape (sets, runs, bins).
+
+        Parameters
+        ----------
+        values
+            Sets of the parameters of what varies, shape (sets, parameters).
+        """
+        weights = self.changing.weights(self.time, values)
+        parts = [w[:, None] * signal for w, signal in zip(weights, self.signals, strict=True)]
+        return self._spectrum(sum(parts[1:], parts[0]))
+
+    def modulated_slopes(self, values: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """As `modulated`, and its derivatives, shape (sets, parameters, runs, bins)."""
+        signal, slopes = self.changing.modulated(self.signals, self.time, values)
+        return self._spectrum(signal), self._spectrum(slopes)
+
+    def of_runs(self, runs: list[int]) -> FineInput:
+        """The input of some runs alone."""
+        return replace(self, signals=self.signals[:, runs])
+
+    def _spectrum(self, signal: FloatArray) -> ComplexArray:
+        bins = self.smoothing.size
+        return np.asarray(np.fft.rfft(signal)[..., :bins] * self.smoothing)
+
+
+def fine_input(
+    recording: Recording,
+    channel: Channel,
+    start: float,
+    span: tuple[int, int, int],
+    band: float | None,
+) -> FineInput:
+    """The input of a channel in fine samples.
+
+    Parameters
+    ----------
+    recording, channel
+        What is prepared.
+    start
+        Time of the first prepared sample [s].
+    span
+        Prepared samples, samples by which they are padded at both ends, and length of the
+        transform.
+    band
+        The analysis band [rad/s], None for the full rate.
+    """
+    assert channel.changing is not None
+    count, extension, length = span
+    factor = decimation(recording.dt, band)
+    # A change at the highest rate, 100 1/s, has its middle between samples of .02 s.
+    steps = [d for d in range(2, factor + 1) if factor % d == 0 and d * recording.dt <= 0.02 + 1e-9]
+    step = max(steps, default=1)
+    ratio, dt = factor // step, step * recording.dt
+    reach = half_width(channel.derivative, step)
+    recorded = recording.input(channel.on)
+    first = round((start - recording.time[0]) / recording.dt)
+    last = first + (count - 1) * factor
+    # What lies beyond the prepared samples is known as far as the low-pass of those reaches.
+    wanted = math.ceil((lowpass(factor).size - 1) / 2 / step)
+    before = min(wanted, (first - reach) // step)
+    after = min(wanted, (recorded.shape[1] - 1 - reach - last) // step)
+    places = slice(first - before * step, last + after * step + 1, step)
+    given = recorded, channel.derivative, step, recording.dt, places
+    outside = extension * ratio - max(before, after)
+    padded = pad(derivative(*given), edges(*given), outside, dt)
+    whole = np.zeros((recording.runs, length * ratio))
+    lead = extension * ratio - before - outside
+    whole[:, lead : lead + padded.shape[1]] = padded
+    time = start + (np.arange(whole.shape[1]) - extension * ratio) * dt
+    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(whole.shape[1], dt), dtype=float)
+    spectrum = channel.sign * np.fft.rfft(whole)
+    signals = np.array(
+        [
+            np.fft.irfft((1j * omega) ** order * spectrum, n=whole.shape[1])
+            for order in range(channel.changing.order + 1)
+        ]
+    )
+    taps = lowpass(factor)
+    lags = (np.arange(taps.size) - (taps.size - 1) // 2) * recording.dt
+    bins = length // 2 + 1
+    smoothing = np.cos(np.outer(omega[:bins], lags)) @ taps / ratio
+    return FineInput(channel.changing, signals, np.asarray(time), np.asarray(smoothing))
+
+
+#: Largest width of a bin of the binned spectra [rad/s]: a delay of 1 s turns by 20 deg over it.
+MAX_BINNED_WIDTH = 0.35
+#: What a unit of the element's output is in each input of a channel.
+CLOSED = {"e": -1.0, "x": 1.0, "ft": 0.0}
+BESIDE = 1.05  # ratio of the time constants of decays about one: it, and its slope
+EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """A pilot model ready to predict one recording's control.
+
+    Attributes
+    ----------
+    model
+        The pilot model.
+    band
+        The analysis band that it was prepared in.
+    s
+        Laplace variable at the bins of the transform, shape (bins,).
+    spectra
+        Per channel, the transform of its signed input, shape (runs, bins).
+    control_spectrum
+        Transform of the control, shape (runs, bins).
+    length
+        Length of the transform.
+    first, scored
+        Index of the first scored sample, and number of scored samples.
+    terms
+        Poles of the nuisance terms e^{pole t} [rad/s]: 0 for an offset, and the model's
+        fixed poles for their free decay.
+    fine
+        Per channel, its input in samples if it varies in time, else None.  The entry of
+        `spectra` is then one.
+    weighting
+        How frequencies count in the likelihood of the band; None for direct prediction errors.
+    weights, counted
+        Of spectra that are reduced to few frequencies their weights, shape (bins,), and the number
+        of samples that they stand for; None, 0 of samples.
+    """
+
+    model: PilotModel
+    band: Band
+    s: ComplexArray
+    spectra: tuple[ComplexArray, ...]
+    control_spectrum: ComplexArray
+    length: int
+    first: int
+    scored: int
+    terms: tuple[float, ...]
+    fine: tuple[FineInput | None, ...]
+    weighting: Weighting | None
+    weights: FloatArray | None = None
+    counted: int = 0
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval of the scored samples [s]."""
+        return self.band.dt
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return int(self.control_spectrum.shape[0])
+
+    @property
+    def block(self) -> int:
+        """Parameter sets that are evaluated at once: one beyond any cache, to spare memory."""
+        if self.weights is not None:
+            return 12  # what a cache holds
+        return BLOCK if self.control_spectrum.size < 1 << 16 else 1
+
+    @property
+    def pre_history(self) -> float:
+        """Time before the first scored sample from which the inputs are known [s]."""
+        return max(self.first * self.dt - EXTENSION, 0.0)
+
+    def outlasting_lag(self, values: FloatArray) -> float:
+        """The slowest lag of a pilot whose free decay outlasts the pre-history [s]; 0 for none.
+
+        Parameters
+        ----------
+        values
+            Parameters, shape (parameters,).
+        """
+        lag = self.model.slowest_lag(values)
+        # After four time constants a decay is over.
+        return lag if 0.0 < 0.25 * self.pre_history < lag else 0.0
+
+    def with_decays(self, values: FloatArray) -> Prediction:
+        """The same with the free decay of the slowest lag, where it outlasts the pre-history.
+
+        Two exponentials take up the decay and its change with the time constant, which one alone
+        would hold where it was.  A lag that is longer than the pre-history is taken for as long:
+        decays that are slower still hide what the recording tells of the lag.
+
+        Parameters
+        ----------
+        values
+            Parameters, shape (parameters,).
+        """
+        lag = self.outlasting_lag(values)
+        if not lag:
+            return self
+        middle = min(lag, self.pre_history)
+        return replace(self, terms=(*self.terms, -BESIDE / middle, -1.0 / (BESIDE * middle)))
+
+    @property
+    def samples(self) -> int:
+        """Scored samples of all runs, less the nuisance terms fitted to each run."""
+        return self.counted or self.runs * (self.scored - len(self.terms))
+
+    @cached_property
+    def band_terms(self) -> BandTerms | None:
+        """What the likelihood of the band has beside squares; None for direct prediction errors."""
+        if self.weighting is None:
+            return None
+        return self.weighting.terms(self.dt, self.scored, self.runs, self.terms)
+
+    @cached_property
+    def loop(self) -> Prediction:
+        """The control predicted from itself through the controlled element: what is left is 1 + L.
+
+        It is that in the groups of bins of `band_terms` that count, of one run.
+        """
+        assert self.weighting is not None
+        assert self.band_terms is not None
+        omega = self.band_terms.omega[: self.band_terms.counting]
+        s = np.asarray(1j * omega, dtype=complex)
+        plant = self.weighting.element.response(omega)
+        spectra = tuple(
+            (channel.sign * CLOSED[channel.on] * plant * s**channel.derivative)[None]
+            for channel in self.model.channels
+        )
+        one = np.ones((1, omega.size), dtype=complex)
+        return replace(
+            self, s=s, spectra=spectra, control_spectrum=one, terms=(), weighting=None, weights=None
+        )
+
+    @property
+    def control(self) -> FloatArray:
+        """Scored part of the control, shape (runs, scored)."""
+        return self.samples_of(self.control_spectrum)
+
+    def residual(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
+        """Residual u - u_hat of one parameter set, nuisance terms included.
+
+        Parameters
+        ----------
+        values
+            Parameters, shape (parameters,).
+        taps
+            Whitening filter, shape (taps,).
+
+        Returns
+        -------
+        Array of shape (runs, scored).
+        """
+        spectrum = self.residual_spectra(values[None])[0]
+        if taps is not None:
+            spectrum *= self.filter_response(taps)
+        return self.samples_of(spectrum)
+
+    def errors(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
+        """As `residual`, with nuisance terms projected out.
+
+        Parameters
+        ----------
+        values
+            Parameters, shape (parameters,).
+        taps
+            Whitening filter, shape (taps,).
+
+        Returns
+        -------
+        Array of shape (runs, scored).
+        """
+        return self.without_nuisance(self.residual(values, taps))
+
+    def residual_spectra(self, values: FloatArray) -> ComplexArray:
+        """Transforms of the residual, shape (sets, runs, bins).
+
+        The same numbers as those of `row_spectra`, without derivatives.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        """
+        responses = self.model.moving_responses(self.s, values)
+        answers = [r[:, None] * own for r, own in zip(responses, self.inputs, strict=True)]
+        for c, fine in enumerate(self.fine):
+            if fine:
+                indices = list(self.model.changing_indices[c])
+                answers[c] = answers[c] * fine.modulated(values[:, indices])
+        return np.asarray(self.control_spectrum - reduce(np.add, answers))
+
+    def noticeable_terms(
+        self, values: FloatArray, taps: FloatArray | None = None
+    ) -> tuple[float, ...]:
+        """The nuisance terms that the residual of one parameter set shows, whitened if need be.
+
+        Fitting a term that is not there costs more than its degree of freedom: in a closed
+        loop it biases the low-frequency parameters, since what is subtracted depends on
+        the future of the recording (the same effect biases autoregressive coefficients
+        when a mean is removed; Kendall 1954).  A term stays if its squared t-values, all
+        runs together, exceed what chance gives once in 14,000.  The least noticeable goes first,
+        since decays that are alike hide one another.  Those of the estimate's own slow poles
+        always stay: left out, they bias what moves the pole by many claimed errors long before
+        they are noticeable.
+        """
+        prediction = self.with_decays(values)
+        slow = prediction.terms[len(self.terms) :]
+        poles, every = prediction.terms, prediction.nuisance_terms
+        residual = self.residual(values, taps)
+        limit = chi_squared_limit(prediction.runs, ESTIMATE.seldom)
+        kept = list(range(len(poles)))
+        while kept:
+            terms = every[:, kept]
+            weights = np.linalg.solve(terms.T @ terms, terms.T)
+            amplitudes = residual @ weights.T
+            left = residual - amplitudes @ terms.T
+            variance = np.sum(left**2) / (left.size - amplitudes.size)
+            squares = np.sum(amplitudes**2 / np.sum(weights**2, axis=1), axis=0) / variance
+            squares[[poles[place] in slow for place in kept]] = np.inf
+            least = int(np.argmin(squares))
+            if squares[least] > limit:
+                break
+            del kept[least]
+        return tuple(poles[place] for place in kept)
+
+    def row_spectra(self, values: FloatArray, between: int = 0) -> ComplexArray:
+        """Transforms of the prediction's Jacobian, and below it of the residual u - u_hat.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        between
+            Number of empty rows between Jacobian and residual, for other parameters.
+
+        Returns
+        -------
+        ComplexArray
+            Shape (sets, parameters + between + 1, runs, bins).
+        """
+        model, (sets, count) = self.model, values.shape
+        rows = count + between + 1
+        spectrum = np.zeros((sets, rows, *self.control_spectrum.shape), dtype=complex)
+        found = model.evaluated(self.s, values)
+        parts: list[ComplexArray] = []
+        left = self.control_spectrum
+        responses = model.responses_of(found)
+        for c, (response, fixed) in enumerate(zip(responses, self.inputs, strict=True)):
+            part = response[:, None] * fixed
+            if fine := self.fine[c]:
+                own = model.changing_indices[c]
+                signal, by_own = fine.modulated_slopes(values[:, list(own)])
+                for place, index in enumerate(own):
+                    spectrum[:, index] += by_own[:, place] * part
+                part = part * signal
+            left = np.subtract(left, part, out=spectrum[:, -1])
+            parts.append(part)
+        # What channels share, as the neuromuscular system, has its slopes by the sum of these.
+        for (_, slopes), (_, indices), channels in zip(
+            found, model.moving, model.sharing, strict=True
+        ):
+            total = reduce(np.add, [parts[c] for c in channels])
+            for index, slope in zip(indices, slopes, strict=True):
+                spectrum[:, index] += (slope[:, None] if slope.ndim > 1 else slope) * total
+        return spectrum
+
+    @cached_property
+    def inputs(self) -> list[ComplexArray]:
+        """Per channel, `spectra` behind the dynamics that no parameter moves, of that shape."""
+        fixed = self.model.fixed_responses(self.s)
+        return [
+            spectrum if response.size == 1 and response == 1.0 else response * spectrum
+            for response, spectrum in zip(fixed, self.spectra, strict=True)
+        ]
+
+    @property
+    def signals(self) -> tuple[FloatArray, list[FloatArray]]:
+        """Control and signed inputs behind their fixed dynamics, each (runs, first + scored)."""
+        end = self.first + self.scored
+        control, *inputs = (
+            np.fft.irfft(spectrum, n=self.length)[:, :end]
+            for spectrum in (self.control_spectrum, *self.inputs)
+        )
+        return control, inputs
+
+    def weighed(self, rows: FloatArray) -> FloatArray:
+        """Rows of samples as real numbers whose products are those of the likelihood."""
+        terms = self.band_terms
+        return rows if terms is None or self.weights is not None else terms.weighted(rows)
+
+    def of_runs(self, runs: list[int]) -> Prediction:
+        """The prediction of some runs alone."""
+        return replace(
+            self,
+            spectra=tuple(spectrum[runs] for spectrum in self.spectra),
+            control_spectrum=self.control_spectrum[runs],
+            fine=tuple(fine and fine.of_runs(runs) for fine in self.fine),
+        )
+
+    @property
+    def is_large(self) -> bool:
+        """Whether a search is faster by the adjoint, see `pilotid.likelihood.likelihood`."""
+        # From so many bins of all runs but one the adjoint takes less time.
+        return (self.runs - 1) * self.s.size >= 2500 and not self.model.changes
+
+    @cached_property
+    def binned(self) -> Prediction:
+        """The prediction at few frequencies, without the mean and what the window makes of it.
+
+        One whose inputs vary in time has no such form, and stays as it is.
+        """
+        if self.model.changes:
+            return self
+        scored = self.scored
+        window = np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(scored) + 0.5) / scored) ** 2
+        given = np.array([*self.spectra, self.control_spectrum])
+        signals = np.fft.rfft(self.samples_of(given) * window)
+        omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, self.dt), dtype=float)
+        groups = group_begins(omega, 1.0 / 15.0, MAX_BINNED_WIDTH, 2)
+        sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
+        sizes[sizes == 0.0] = 1.0
+        signals = signals / sizes[:, None, None]
+        products = np.einsum("irk,jrk->kij", signals, signals.conj())
+        summed = np.add.reduceat(products, groups, axis=0)
+        size, vectors = np.linalg.eigh(summed)
+        factor = vectors * np.sqrt(np.maximum(size, 0.0))[:, None, :]
+        spectra = np.transpose(factor, (1, 2, 0)) * sizes[:, None, None]  # (signal, part, group)
+        counts = np.diff([*groups, omega.size])
+        middle = np.add.reduceat(omega, groups) / counts
+        # Parseval: bins stand for two, but for the one at half the sampling rate.
+        weights, terms = np.full(len(counts), np.sqrt(2.0 / scored)), self.band_terms
+        if self.weighting is not None:
+            weights *= np.sqrt(self.weighting.weights(middle))
+        return replace(
+            self,
+            s=1j * middle,
+            spectra=tuple(spectra[:-1]),
+            control_spectrum=spectra[-1],
+            terms=(),
+            weights=weights,
+            counted=self.runs * scored if terms is None else terms.residuals,
+        )._with(weights > 0.0)
+
+    def below(self, band: float) -> Prediction:
+        """Few frequencies without those above one [rad/s]; any other prediction as it is."""
+        return self if self.weights is None else self._with(self.s.imag < band)
+
+    def _with(self, chosen: BoolArray) -> Prediction:
+        """The same with some of few frequencies alone."""
+        assert self.weights is not None
+        return replace(
+            self,
+            s=self.s[chosen],
+            spectra=tuple(spectrum[:, chosen] for spectrum in self.spectra),
+            control_spectrum=self.control_spectrum[:, chosen],
+            weights=self.weights[chosen],
+        )
+
+    def filter_response(self, taps: FloatArray) -> ComplexArray:
+        """Response of moving-average filters at the bins, shape (..., bins)."""
+        count = taps.shape[-1]
+        # Taps are real: so are the products, of real and imaginary parts side by side.
+        flat = taps.reshape(-1, count) @ self.shifts(count).view(float)
+        return np.asarray(flat.view(complex).reshape(*taps.shape[:-1], self.s.size))
+
+    def shifts(self, count: int) -> ComplexArray:
+        """Responses of delays by 0 to `count` - 1 samples at the bins, shape (count, bins)."""
+        return (self._shifts if count <= REACH + 1 else self._far_shifts)[:count]
+
+    @cached_property
+    def _shifts(self) -> ComplexArray:
+        """Responses of delays by 0 to REACH samples at the bins."""
+        return self._delays_to(REACH)
+
+    @cached_property
+    def _far_shifts(self) -> ComplexArray:
+        """The same up to FAR samples."""
+        return self._delays_to(FAR)
+
+    def _delays_to(self, samples: int) -> ComplexArray:
+        powers = np.ones((samples + 1, self.s.size), dtype=complex)
+        powers[1:] = np.exp(-self.s * self.dt)
+        return np.asarray(np.cumprod(powers, axis=0), dtype=complex)
+
+    @property
+    def nuisance_terms(self) -> FloatArray:
+        """The nuisance terms, shape (scored, terms).
+
+        Exponentials are eigenfunctions of filters: whitening only scales them, so that
+        the space to project out is the same for every whitening filter.
+        """
+        return np.exp(np.outer(np.arange(self.scored) * self.dt, self.terms))
+
+    @cached_property
+    def nuisance_basis(self) -> FloatArray:
+        """Orthonormal basis of the nuisance terms, shape (scored, terms)."""
+        return np.asarray(np.linalg.qr(self.nuisance_terms).Q)
+
+    def without_nuisance(self, rows: FloatArray) -> FloatArray:
+        """Rows (..., scored) less their projection on the nuisance terms."""
+        if not self.terms:
+            return rows
+        flat = rows.reshape(-1, rows.shape[-1])  # one product, not one for each parameter
+        along = (flat @ self.nuisance_basis) @ self.nuisance_basis.T
+        return np.asarray(np.subtract(flat, along, out=along).reshape(rows.shape))
+
+    def samples_before(self, spectrum: ComplexArray, most: int) -> FloatArray:
+        """The scored samples of transforms and `most` samples before, (..., most + scored)."""
+        signal, first = np.fft.irfft(spectrum, n=self.length), self.first
+        if first < most:  # a transform has no beginning: what is before it is its end
+            signal, first = np.concatenate([signal[..., -most:], signal], axis=-1), first + most
+        return signal[..., first - most : first + self.scored]
+
+    def samples_of(self, spectrum: ComplexArray) -> FloatArray:
+        """The scored samples of transforms, (..., scored); of few frequencies, real numbers."""
+        if self.weights is not None:
+            return np.ascontiguousarray(spectrum * self.weights).view(float)
+        signal = np.fft.irfft(spectrum, n=self.length)
+        return signal[..., self.first : self.first + self.scored]
+
+
+def predict(recording: Recording, model: PilotModel, band: float | None = None) -> Prediction:
+    """Prepare the prediction of a recording's control in an analysis band [rad/s].
+
+    Parameters
+    ----------
+    recording
+        The recording; all its runs are predicted.
+    model
+        The pilot model.
+    band
+        What lies above this frequency [rad/s] is not used; None for the full sampling rate.
+    """
+    prepared: Prepared = prepare(recording, model, band)
+    extension = min(round(EXTENSION / prepared.dt), prepared.control.shape[1] - 1)
+    length = fast_length(prepared.control.shape[1] + 2 * extension)
+
+    def transformed(signal: FloatArray, below: FloatArray) -> ComplexArray:
+        return np.fft.rfft(pad(signal, below, extension, prepared.dt), n=length)
+
+    span = (prepared.control.shape[1], extension, length)
+    fine = tuple(
+        fine_input(recording, channel, float(prepared.time[0]), span, band)
+        if channel.changing
+        else None
+        for channel in model.channels
+    )
+    return Prediction(
+        model=model,
+        band=analysis_band(recording.dt, band),
+        s=np.asarray(2j * np.pi * np.fft.rfftfreq(length, prepared.dt), dtype=complex),
+        spectra=tuple(
+            channel.sign * transformed(signal, below)
+            if own is None
+            else np.ones((recording.runs, length // 2 + 1), dtype=complex)
+            for channel, signal, below, own in zip(
+                model.channels, prepared.inputs, prepared.edges, fine, strict=True
+            )
+        ),
+        control_spectrum=transformed(prepared.control, np.zeros((0, 2, recording.runs))),
+        length=length,
+        first=extension + prepared.first,
+        scored=prepared.scored,
+        terms=(0.0, *model.fixed_poles),
+        fine=fine,
+        weighting=None,
+    )
+
+
+def weighted(
+    prediction: Prediction, recording: Recording, others: tuple[str, ...] = ()
+) -> Prediction:
+    """A prediction of a recording for the likelihood of its band, where that is to be had.
+
+    Parameters
+    ----------
+    prediction, recording
+        The prediction, and what it was prepared of.
+    others
+        Signals whose floors weigh the frequencies besides those of the model's own inputs.
+    """
+    control, dt = prediction.control, prediction.dt
+    weighting = weighting_of(recording, prediction.model, control, dt, others)
+    return replace(prediction, weighting=weighting)

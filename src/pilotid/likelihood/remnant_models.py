@@ -1,0 +1,395 @@
+"""Models of the remnant's spectrum, and the whitening filters that follow from them.
+
+A noise model of few parameters costs little information: in a closed loop the
+pilot's parameters and the remnant's are estimated from the same feedback, and every
+free coefficient of the remnant takes some of it (eight autoregressive coefficients
+raise the bound of the neuromuscular damping by 4 to 14 % in a band of 31 rad/s, a
+low-pass filter's two parameters by 2 % at the most; see `pilotid.bounds.bounds`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from pilotid.likelihood.prepare import FAR, REACH, Band, prediction_error_filters
+from pilotid.support.types import BoolArray, FloatArray
+
+SPECTRA = 64  # spectra evaluated at once: about what the processor's cache holds
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """White noise through a low-pass filter of order 0 (white) to 3, as `Remnant` has it.
+
+    Attributes
+    ----------
+    order
+        Its order, 0 to 3.
+    """
+
+    order: int
+    regressive = False
+    reach = REACH
+
+    @property
+    def name(self) -> str:
+        return ("white", "first-order", "second-order", "third-order")[self.order]
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        return ((), ("frequency",), ("frequency", "damping"), ("frequency", "damping"))[self.order]
+
+    @property
+    def lower(self) -> FloatArray:
+        return np.array((0.2, 0.05))[: len(self.keys)]
+
+    @property
+    def upper(self) -> FloatArray:
+        return np.array((200.0, 5.0))[: len(self.keys)]
+
+    @property
+    def positive(self) -> BoolArray:
+        return np.ones(len(self.keys), dtype=bool)
+
+    def power(
+        self, omega: FloatArray, values: FloatArray
+    ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+        """Spectrum at `omega` [rad/s] and the derivatives of its logarithm.
+
+        Parameters
+        ----------
+        omega
+            Frequencies, shape (n,).
+        values
+            Parameter sets, shape (sets, parameters).
+        """
+        sets = values.shape[0]
+        if self.order == 0:
+            return np.ones((sets, omega.size)), ()
+        ratio = (omega / values[:, :1]) ** 2  # (w / w0)^2
+        first = 1.0 + ratio
+        if self.order == 1:
+            return 1.0 / first, (2.0 * ratio / (first * values[:, :1]),)
+        damping = values[:, 1:2]
+        second = (1.0 - ratio) ** 2 + 4.0 * damping**2 * ratio
+        by_ratio = (-2.0 * (1.0 - ratio) + 4.0 * damping**2) / second
+        by_damping = -8.0 * damping * ratio / second
+        power = 1.0 / second
+        if self.order == 3:
+            power, by_ratio = power / first, by_ratio + 1.0 / first
+        return power, (2.0 * ratio * by_ratio / values[:, :1], by_damping)
+
+    def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
+        """Whitening filters and their derivatives.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        band
+            The analysis band.
+
+        Returns
+        -------
+        Taps, shape (sets, taps), the first of which is one, and their derivatives,
+        shape (sets, parameters, taps).
+        """
+        if self.order == 0 and band.factor == 1:
+            return np.ones((len(values), 1)), np.zeros((len(values), 0, 1))
+        power, log_slopes = self.power(band.folded[0], values)
+        by_parameter = np.array([power * slope for slope in log_slopes])
+        by_parameter = by_parameter.reshape(len(self.keys), *power.shape)
+        own = band.autocovariance(power, self.reach)
+        own_slopes = band.autocovariance(by_parameter, self.reach)
+        lags = np.abs(np.subtract.outer(np.arange(self.reach), np.arange(self.reach)))
+        inverse = np.linalg.inv(own[:, lags])
+        taps = np.ones_like(own)
+        taps[:, 1:] = -(inverse @ own[:, 1:, None])[..., 0]
+        slopes = np.zeros((len(taps), len(own_slopes), self.reach + 1))
+        right = own_slopes[..., 1:, None] + own_slopes[..., lags] @ taps[:, 1:, None]
+        slopes[:, :, 1:] = np.swapaxes(-(inverse @ right)[..., 0], 0, 1)
+        return taps, slopes
+
+    def filters(self, values: FloatArray, band: Band) -> FloatArray:
+        if self.order == 0:
+            one = self.taps(values[:1], band)[0]
+            return np.broadcast_to(one, (len(values), one.shape[1]))
+        filters = []
+        for begin in range(0, len(values), SPECTRA):
+            power, _ = self.power(band.folded[0], values[begin : begin + SPECTRA])
+            filters.append(prediction_error_filters(band.autocovariance(power, self.reach)))
+        return np.concatenate(filters)
+
+    def grid(self) -> tuple[FloatArray, ...]:
+        """Values of each parameter, which together cover all spectra of the family."""
+        return (np.geomspace(0.5, 60.0, 40), np.geomspace(0.12, 1.8, 12))[: len(self.keys)]
+
+    def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
+        """Parameters that suit a residual, shape (parameters,), and the power that they leave."""
+        grid, taps = _catalogue(self, band)
+        reach = taps.shape[1]
+        power = np.sum((taps @ products[:reach, :reach]) * taps, axis=1)
+        least = int(np.argmin(power))
+        return grid[least], float(power[least])
+
+
+@dataclass(frozen=True)
+class BandPass(LowPass):
+    """A low-pass of order 1 or 2 times a first-order high-pass, s / (s + corner).
+
+    What pilots do at low frequencies is regulated away, so that a remnant may have little power
+    there.  A filter that whitens it reaches further back than others.
+
+    Attributes
+    ----------
+    order
+        Order of the low-pass, 1 or 2.
+    """
+
+    reach = FAR
+
+    @property
+    def _low(self) -> LowPass:
+        return LowPass(self.order)
+
+    @property
+    def name(self) -> str:
+        return f"{self._low.name} band-pass"
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        return (*self._low.keys, "corner")
+
+    @property
+    def lower(self) -> FloatArray:
+        return np.array([*self._low.lower, 0.05])
+
+    @property
+    def upper(self) -> FloatArray:
+        return np.array([*self._low.upper, 10.0])
+
+    def power(
+        self, omega: FloatArray, values: FloatArray
+    ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+        """Spectrum at `omega` [rad/s] and the derivatives of its logarithm, see `LowPass.power`."""
+        power, slopes = self._low.power(omega, values[:, :-1])
+        corner = values[:, -1:]
+        below = omega**2 + corner**2
+        # A hundredth is left at rest: a spectrum without power there has no filter.
+        above = omega**2 + 1e-4 * corner**2
+        return power * above / below, (*slopes, 2e-4 * corner / above - 2.0 * corner / below)
+
+    def grid(self) -> tuple[FloatArray, ...]:
+        """As `LowPass.grid`, coarser."""
+        low = (np.geomspace(0.5, 60.0, 16), np.geomspace(0.15, 1.6, 6))[: self.order]
+        return (*low, np.geomspace(0.15, 4.0, 6))
+
+
+@dataclass(frozen=True)
+class Autoregressive:
+    """An autoregressive spectrum of free shape, for remnants that no low-pass describes.
+
+    Attributes
+    ----------
+    order
+        Number of coefficients.
+    """
+
+    order: int
+    regressive = True
+
+    @property
+    def name(self) -> str:
+        return f"AR({self.order})"
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        return tuple(f"a{i}" for i in range(1, self.order + 1))
+
+    @property
+    def lower(self) -> FloatArray:
+        return np.full(self.order, -np.inf)
+
+    @property
+    def upper(self) -> FloatArray:
+        return np.full(self.order, np.inf)
+
+    @property
+    def positive(self) -> BoolArray:
+        return np.zeros(self.order, dtype=bool)
+
+    def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
+        one = np.ones((len(values), 1))
+        slopes = np.broadcast_to(
+            np.eye(self.order, self.order + 1, k=1), (len(values), self.order, self.order + 1)
+        )
+        return np.concatenate([one, values], axis=1), slopes
+
+    def filters(self, values: FloatArray, band: Band) -> FloatArray:
+        return self.taps(values, band)[0]
+
+    def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
+        own = products[: self.order + 1, : self.order + 1]
+        try:
+            values = np.asarray(-np.linalg.solve(own[1:, 1:], own[1:, 0]))
+        except np.linalg.LinAlgError:  # rounding errors are all that is left: white will do
+            values = np.zeros(self.order)
+        taps = np.concatenate([[1.0], values])
+        return values, float(taps @ own @ taps)
+
+
+@dataclass(frozen=True, eq=False)
+class Whitener(Autoregressive):
+    """A whitening filter that is known: a model of the remnant without parameters.
+
+    Attributes
+    ----------
+    known
+        The filter, shape (taps,), whose first entry is one.
+    """
+
+    order: int = field(default=0, init=False)
+    known: FloatArray
+    regressive = False
+
+    def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
+        """The filter, shape (1, taps), and no derivatives: it is one for all sets."""
+        return self.known[None], np.zeros((1, 0, self.known.size))
+
+
+#: No filter: the residual of a prediction is white in its band.
+WHITE = Whitener(np.ones(1))
+
+#: A family of remnant spectra, up to the power, which is estimated apart.  It has the bounds of
+#: its parameters, so that it can be searched by `pilotid.solve.least_squares.minimise`; whitening
+#: filters with their derivatives (`taps`) and alone, fast for many sets (`filters`); and a `guess`
+#: from a residual's `lagged_products`.  The parameters of a `regressive` one are coefficients of
+#: the residual's own past.
+NoiseModel = LowPass | Autoregressive
+
+
+#: The remnant's model before one is chosen: most published remnants are of this kind.
+FIRST_NOISE_MODEL = LowPass(2)
+
+
+@lru_cache(maxsize=32)
+def _catalogue(model: LowPass, band: Band) -> tuple[FloatArray, FloatArray]:
+    """A grid of parameter sets of a model and their whitening filters."""
+    axes = model.grid()
+    mesh = np.meshgrid(*axes, indexing="ij")
+    grid = np.stack([m.ravel() for m in mesh], axis=1) if axes else np.zeros((1, 0))
+    return grid, model.filters(grid, band)
+
+
+#: The families to choose from.
+NOISE_MODELS: tuple[NoiseModel, ...] = (
+    *(LowPass(order) for order in range(4)),
+    *(BandPass(order) for order in (1, 2)),
+    *(Autoregressive(order) for order in (2, 3, 4, 6, 8, 10, 12, 16, 20)),
+)
+
+
+def lagged_products(residual: FloatArray) -> FloatArray:
+    """Mean products of a residual (runs, samples) at all pairs of lags 0 to FAR.
+
+    A filter's output power is then exact, taps @ products @ taps.  Autocovariances would
+    not do: their end effects leak from the strong low frequencies of a steep spectrum,
+    and a whitening filter magnifies that until a wrong model wins.
+
+    Returns
+    -------
+    Array of shape (FAR + 1, FAR + 1).
+    """
+    runs, samples = residual.shape
+    by_lag = [np.correlate(run, run[FAR:], mode="valid")[::-1] for run in residual]
+    gained, lost = residual[:, FAR - 1 :: -1], residual[:, : samples - FAR - 1 : -1]
+    change = gained.T @ gained - lost.T @ lost
+    products = np.empty((FAR + 1, FAR + 1))
+    products[0] = products[:, 0] = np.sum(by_lag, axis=0)
+    for lag in range(FAR):  # those of the next pair of lags differ by the samples at both ends
+        products[lag + 1, 1:] = products[lag, :-1] + change[lag]
+    return np.asarray(products / (runs * (samples - FAR)))
+
+
+def criterion(model: NoiseModel, power: float, samples: int, pilot: int = 0) -> float:
+    """Akaike's information criterion of a noise model, corrected for few samples.
+
+    It asks which model predicts best, not which one is true: of remnants outside all
+    families a long autoregression is never true, and the one that predicts best.
+
+    Parameters
+    ----------
+    model
+        The noise model.
+    power
+        Mean square of the prediction error.
+    samples
+        Number of prediction errors.
+    pilot
+        Number of pilot parameters estimated along with it.
+    """
+    count = len(model.keys) + pilot + 1  # the variance too
+    # A residual that a filter predicts to the last digit leaves rounding, of any sign.
+    deviance = samples * math.log(max(power, 1e-300))
+    return deviance + 2.0 * count * samples / max(samples - count - 1.0, 1.0)
+
+
+class Guess(NamedTuple):
+    """A model of the remnant with parameters, shape (parameters,), and its criterion."""
+
+    criterion: float
+    model: NoiseModel
+    values: FloatArray
+
+    def whitener(self, band: Band) -> FloatArray:
+        """The filter that whitens it, shape (taps,)."""
+        return np.asarray(self.model.filters(self.values[None], band)[0])
+
+
+def guess_parameters(model: NoiseModel, residual: FloatArray, band: Band) -> FloatArray:
+    """The parameters of a noise model that a residual (runs, samples) suggests."""
+    return model.guess(lagged_products(residual), band)[0]
+
+
+def best_noise_model(residual: FloatArray, band: Band) -> Guess:
+    """The noise model that suits a residual (runs, samples) best."""
+    every = guesses(lagged_products(residual), residual.size, band)
+    return min(every, key=lambda guess: guess.criterion)
+
+
+def guesses(
+    products: FloatArray, samples: int, band: Band, models: Sequence[NoiseModel] = NOISE_MODELS
+) -> list[Guess]:
+    """Noise models as a residual suggests them.
+
+    Parameters
+    ----------
+    products
+        The residual's `lagged_products`, before whitening.
+    samples
+        Its samples in all runs.
+    band
+        The analysis band.
+    models
+        Which models.
+    """
+    found = []
+    for model in models:
+        values, power = model.guess(products, band)
+        found.append(Guess(criterion(model, power, samples), model, values))
+    return found
+
+
+def neighbours(model: NoiseModel) -> list[NoiseModel]:
+    """The next shorter and the next longer autoregression; none for another kind of model."""
+    if not model.regressive or model not in NOISE_MODELS:
+        return []
+    place = NOISE_MODELS.index(model)
+    beside = [NOISE_MODELS[place - 1], *NOISE_MODELS[place + 1 : place + 2]]
+    return [other for other in beside if other.regressive]

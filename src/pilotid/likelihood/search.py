@@ -1,0 +1,416 @@
+"""The search for the optimum of the likelihood: band, starts, one sweep, competing optima.
+
+Two ways go wrong on their own.  A remnant taken for white has few wrong optima, but its best one
+need not be where the likelihood's is.  A remnant that is estimated along with the pilot makes a
+wrong pilot look right: what the pilot misses, the remnant explains.  So `maximise_likelihood`
+goes in four steps, of which the first alone decides what is maximised:
+
+1. `first_fit`: the pilot of the forcing frequencies alone, where there are any, or else that of a
+   white residual, with a second-order remnant; in the first analysis band that is wide enough.
+2. `sweep`: whitened by that remnant, from that pilot with each parameter in turn moved to the ends
+   of its usual range and, without forcing frequencies, from usual pilots at random.
+3. Each optimum of the sweep that simulates the control, with remnant models of its own (`noise`).
+4. The best of them, and those that are as likely.
+
+Steps 1 and 2 look at binned spectra, steps 3 and 4 at all samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pilotid.estimate.applicability import lines_objection
+from pilotid.estimate.estimate import Starts, is_at_bound
+from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.noise import RemnantChoice
+from pilotid.likelihood.optimum import Candidates, Optimum
+from pilotid.likelihood.prediction import Prediction, predict, weighted
+from pilotid.likelihood.prepare import decimation
+from pilotid.likelihood.remnant_models import FIRST_NOISE_MODEL, WHITE, Whitener, guess_parameters
+from pilotid.likelihood.settings import (
+    COMPETING_CRITERION,
+    LOOK_CRITERION,
+    MAX_EDGE_INFORMATION,
+    MAX_LOST_INFORMATION,
+    SAME_OPTIMUM_DISTANCE,
+    LikelihoodSettings,
+)
+from pilotid.model.model import PilotModel
+from pilotid.recording.recording import Recording
+from pilotid.solve.least_squares import Minima, minimise, solve_linear
+from pilotid.solve.search import draw_starts, search
+from pilotid.spectral.equations import are_pilots, fit_lines
+from pilotid.support.types import FloatArray
+
+
+def maximise_likelihood(
+    recording: Recording,
+    model: PilotModel,
+    rng: np.random.Generator,
+    settings: LikelihoodSettings,
+) -> Optimum:
+    """Maximise the likelihood of pilot and remnant parameters.
+
+    Parameters
+    ----------
+    recording, model
+        What is fitted.
+    rng
+        Draws the random starts.
+    settings
+        Bands, starts, and the remnant's model if it is not to be chosen.
+    """
+    lines = lines_pilot(recording, model, rng)
+    first = first_fit(recording, model, settings, lines, rng)
+    candidates, starts, check = sweep(first, rng, settings, lines)
+    whole = first.joint.prediction
+    terms = whole.noticeable_terms(candidates[0], first.whitener)
+    prediction = replace(whole, terms=terms)
+    # The lines' pilot rests on no model of the remnant.
+    pilots = [*candidates, *([] if lines is None else lines)]
+    choices = [RemnantChoice(prediction, pilot, settings.noise, check) for pilot in pilots]
+    best, competing = _best_and_competing([each.best(settings.rounds) for each in _likely(choices)])
+    # The terms were chosen beside a first estimate; at the optimum the choice may be another.
+    for _ in range(4):
+        before, terms = terms, whole.noticeable_terms(best.pilot, best.whitener)
+        if len(terms) == len(before) and np.allclose(terms, before, rtol=0.1):
+            break
+        best = optimum_near(replace(whole, terms=terms), best.pilot, settings, check)
+    best = _elsewhere(best)
+    ordered = model.ordered(best.pilot[None])[0]
+    if np.any(ordered != best.pilot):
+        best = best.moved(np.concatenate([ordered, best.values[len(ordered) :]]))
+    return replace(best, starts=starts, lines_pilot=lines, competing=competing)
+
+
+def maxima_from(
+    recording: Recording, model: PilotModel, settings: LikelihoodSettings, sets: FloatArray
+) -> list[Optimum]:
+    """The optima that are reached from pilots alone.
+
+    Parameters
+    ----------
+    recording, model, settings
+        As for `maximise_likelihood`.
+    sets
+        Pilot parameters, shape (sets, parameters); band and nuisance terms suit the first.
+    """
+    first = first_fit(recording, model, settings, sets[:1])
+    whole = first.joint.prediction
+    prediction = replace(whole, terms=whole.noticeable_terms(sets[0], first.whitener))
+    return [optimum_near(prediction, pilot, settings) for pilot in sets]
+
+
+def lines_pilot(
+    recording: Recording, model: PilotModel, rng: np.random.Generator
+) -> FloatArray | None:
+    """The pilot that the forcing frequencies show, shape (1, parameters), if it is one."""
+    if lines_objection(recording, model):
+        return None
+    # With 8 starts the optimum depended on the seed in 31 of 175 searches of seven pilots in yaw,
+    # with 24 in 16, all of one whose weights change from round to round.
+    fit = fit_lines(recording, model, rng, candidates=96, refined=24, same=0.01)
+    pilot = fit.values[None]
+    return pilot if np.isfinite(pilot).all() and are_pilots(recording, model, pilot)[0] else None
+
+
+def is_sound(model: PilotModel, lines: FloatArray | None) -> bool:
+    """Whether the lines' pilot can guide a search: a fit that ended at a bound may be astray."""
+    return lines is not None and not is_at_bound(model, lines[0]).any()
+
+
+# ------------------------------------------------------------- 1. the first pilot, and the band
+
+
+def first_fit(
+    recording: Recording,
+    model: PilotModel,
+    settings: LikelihoodSettings,
+    known: FloatArray | None,
+    rng: np.random.Generator | None = None,
+) -> Optimum:
+    """The best pilot with a second-order remnant, in the first band that is wide enough for it.
+
+    It is in the last one where none is.
+
+    Parameters
+    ----------
+    recording, model, settings
+        As for `maximise_likelihood`.
+    known
+        Pilots to begin at, shape (pilots, parameters): that of the forcing functions' lines, say.
+    rng
+        Draws starts for pilots of a white residual where what is known is unsound; None to begin
+        at what is known.
+    """
+    pilots = known if rng is None or is_sound(model, known) else None
+    for rate in _rates(recording, settings):
+        prediction = predict(recording, model, rate)
+        if settings.loop:
+            prediction = weighted(prediction, recording, settings.weighed)
+        if pilots is None:
+            assert rng is not None
+            white = _whitened(prediction.binned.below(settings.search_band), WHITE)
+            ends = search(
+                white.gram, model, rng, candidates=settings.candidates, refined=settings.refined
+            )
+            pilots = np.concatenate([ends.distinct(), *([] if known is None else [known])])
+        joint = Likelihood(prediction, settings.noise or FIRST_NOISE_MODEL)
+        first = Optimum(joint, own_remnants(joint, pilots))
+        if wide_enough(first):
+            break
+    return first
+
+
+def _whitened(prediction: Prediction, whitener: Whitener) -> Likelihood:
+    """Least squares of prediction errors, without what the loop adds in a band."""
+    return Likelihood(replace(prediction, weighting=None), whitener)
+
+
+def own_remnants(joint: Likelihood, pilots: FloatArray) -> Minima:
+    """Each pilot with the remnant that it leaves, both estimated together on binned spectra."""
+    residuals = [joint.prediction.errors(pilot) for pilot in pilots]
+    guesses = [guess_parameters(joint.noise, residual, joint.band) for residual in residuals]
+    starts = np.hstack([pilots, guesses])
+    return minimise(joint.coarse.gram, starts, joint, tolerance=3e-3, iterations=12)
+
+
+def _rates(recording: Recording, settings: LikelihoodSettings) -> Iterator[float | None]:
+    """The analysis bands to choose from [rad/s], each with less decimation than the one before."""
+    yield settings.band
+    if settings.band is None or settings.band != LikelihoodSettings.band:
+        return
+    factor = decimation(recording.dt, settings.band)
+    for rate in settings.wide:
+        if rate > settings.band and (own := decimation(recording.dt, rate)) < factor:
+            yield rate
+            factor = own
+
+
+def wide_enough(first: Optimum) -> bool:
+    """Whether the band holds what the recording tells of the pilot, see `edge_information`.
+
+    Filter and decimation reach into the future a little; in a loop that answers at once
+    (position control) the remnant there, which the error shows too, would otherwise bias
+    delays and neuromuscular parameters.  In the likelihood of a band whose loop falls off
+    above it nothing is biased, and information is lost.
+    """
+    prediction = first.joint.prediction
+    biased = prediction.weighting is None or prediction.weighting.answers_at_once
+    most = MAX_EDGE_INFORMATION if biased else MAX_LOST_INFORMATION
+    return edge_information(prediction, first.pilot, first.whitener) <= most
+
+
+def edge_information(prediction: Prediction, pilot: FloatArray, taps: FloatArray) -> float:
+    """Largest share of what is known of a parameter that lies near the band's edge.
+
+    Parameters
+    ----------
+    prediction
+        The prediction in the band.
+    pilot, taps
+        A pilot, shape (parameters,), and the filter that whitens its remnant, shape (taps,).
+    """
+    rows = prediction.row_spectra(pilot[None])[0, :-1] * prediction.filter_response(taps)
+    # A step has all frequencies: when it was, the band need not tell in full.
+    rows = np.delete(rows, prediction.model.change, axis=0)
+    power = np.sum(np.abs(rows) ** 2, axis=1)
+    if prediction.weighting is not None:  # a recorder's noise tells nothing
+        power = power * prediction.weighting.weights(prediction.s.imag)
+    upper = prediction.s.imag > 0.6 * np.pi / prediction.dt
+    return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
+
+
+# ------------------------------------------------------------------------------ 2. the sweep
+
+
+def sweep(
+    first: Optimum,
+    rng: np.random.Generator,
+    settings: LikelihoodSettings,
+    lines: FloatArray | None = None,
+) -> tuple[FloatArray, Starts, Candidates]:
+    """Search the candidates, whitened by the remnant of the first pilot.
+
+    Parameters
+    ----------
+    first
+        The first pilot.
+    rng
+        Draws the random starts.
+    settings
+        Number of starts.
+    lines
+        The pilot of the forcing functions' lines, shape (1, parameters); None without lines.
+
+    Returns
+    -------
+    Pilots, best first, shape (candidates, parameters); how many starts ended in the best optimum;
+    which parameters simulate the control as a pilot does.
+    """
+    coarse = first.joint.prediction.binned
+    model, samples = coarse.model, coarse.samples
+    near = np.zeros((0, len(model.parameters))) if lines is None else lines
+    check = Candidates(coarse, lines)
+    whitened = _whitened(coarse, Whitener(first.whitener))
+    count = 0 if is_sound(model, lines) else settings.candidates
+    starts = _starts(model, first.pilot, rng, count)
+    starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
+    starts = np.concatenate([first.pilot[None], near, starts])
+    rough = minimise(whitened.gram, starts, model, tolerance=1e-3, iterations=8)
+    # What is far behind by then is given up, and of starts that met one goes on for all.
+    met = together(rough, samples)[:9]
+    on = rough.values[[group[0] for group in met]]
+    ends = minimise(whitened.gram, on, model, tolerance=1e-3, iterations=16, sort=False)
+    sizes = np.array([len(group) for group in met])
+    kept = check.which(ends)
+    passed = ends.only(np.repeat(kept, sizes[kept])).best_first()
+    # The whitening of the sweep favours the pilot that it is from.
+    candidates, agreeing = optima(passed, samples, far=1000.0)
+    candidates = np.concatenate([candidates, near])
+    if len(candidates) > 1:
+        own = own_remnants(first.joint, candidates)
+        own = own.only(check.which(own))
+        # Binned spectra missed 170 in deviance once (populations).
+        candidates = optima(own, samples, far=300.0)[0][:, : first.joint.pilot]
+    given_up = np.delete(rough.cost, [start for group in met for start in group])
+    cost = np.sort(np.concatenate([np.repeat(ends.cost, sizes), given_up]))
+    return candidates, Starts(cost / cost[0], agreeing), check
+
+
+def _starts(
+    model: PilotModel, best: FloatArray, rng: np.random.Generator, count: int
+) -> FloatArray:
+    """The best pilot with one parameter moved far away, and usual pilots.
+
+    A delay that is wrong by a period of the strongest line is the commonest wrong optimum.
+    """
+    low, high = model.usual
+    moved = []
+    for index, parameter in enumerate(model.parameters):
+        if not parameter.linear:  # gains are solved for
+            between = (0.5 * (low[index] + high[index]),) if parameter.delay else ()
+            for value in (low[index], *between, high[index]):
+                moved.append(best.copy())
+                moved[-1][index] = value
+    moved += model.elsewhere(best)
+    return np.array([*moved, *draw_starts(model, rng, count), model.start])
+
+
+def together(ends: Minima, samples: int) -> list[list[int]]:
+    """Which ends are in one optimum, the best one's first; `ends`, `samples` as in `optima`."""
+    return clusters(
+        range(len(ends.values)),
+        lambda first, index: (
+            ends.apart(ends.values[index], samples, first) <= SAME_OPTIMUM_DISTANCE
+        ),
+    )
+
+
+def clusters(indices: Iterable[int], near: Callable[[int, int], bool]) -> list[list[int]]:
+    """Indices, each with the first before it that it is near to.
+
+    Parameters
+    ----------
+    indices
+        What is grouped, in an order of which the first of each group comes.
+    near
+        Whether the second index belongs to the group of the first.
+    """
+    groups: list[list[int]] = []
+    for index in indices:
+        own = next((group for group in groups if near(group[0], index)), None)
+        if own is None:
+            groups.append([index])
+        else:
+            own.append(index)
+    return groups
+
+
+def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
+    """One end of each optimum, best first, and how many ends are in the best one.
+
+    Parameters
+    ----------
+    ends
+        Where starts ended, best first.
+    samples
+        Number of residuals.
+    far
+        Optima are left out whose deviance exceeds the lowest by more.
+    """
+    near = ends.only(ends.cost <= ends.cost[0] * np.exp(far / samples))
+    groups = together(near, samples)
+    return near.values[[group[0] for group in groups[:5]]], len(groups[0]) if groups else 0
+
+
+# ------------------------------------------------------- 3. and 4. pilot and remnant together
+
+
+def optimum_near(
+    prediction: Prediction,
+    pilot: FloatArray,
+    settings: LikelihoodSettings,
+    check: Candidates | None = None,
+) -> Optimum:
+    """Pilot and remnant together from one pilot, the remnant's model chosen as they move.
+
+    Parameters
+    ----------
+    prediction
+        The prediction in the analysis band.
+    pilot
+        Where to begin, shape (parameters,).
+    settings
+        The remnant's model if it is not to be chosen.
+    check
+        Which parameters simulate the control.
+    """
+    return RemnantChoice(prediction, pilot, settings.noise, check).best(settings.rounds).refined()
+
+
+def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
+    """Candidates whose criterion is low on a first look, one of each optimum, best first."""
+    if len(choices) == 1:
+        return choices
+    firsts = [choice.look() for choice in choices]
+    reached = np.array([first.criterion for first in firsts])
+    kept = np.array([first.is_pilot for first in firsts])
+    if kept.any():
+        reached[~kept] = np.inf
+    near = np.flatnonzero(reached < np.min(reached) + LOOK_CRITERION)
+    ranked = near[np.argsort(reached[near], kind="stable")].tolist()
+    met = clusters(ranked, lambda first, index: firsts[first].is_near(firsts[index].pilot))
+    return [choices[group[0]] for group in met]
+
+
+def _best_and_competing(tried: Sequence[Optimum]) -> tuple[Optimum, list[FloatArray]]:
+    """The best optimum that simulates the control, and pilots of those that are as likely."""
+    passed = [each for each in tried if each.is_pilot] or list(tried)
+    lowest = min(each.criterion for each in passed)
+    # What is far behind where fits are compared does not compete.
+    far = lowest + 2.0 * COMPETING_CRITERION
+    passed = [each.refined() for each in passed if not each.criterion > far]
+    best = min(passed, key=lambda each: each.criterion)
+    reached, competing = [best.criterion], []
+    for other in passed:
+        criterion = other.criterion
+        apart = min(abs(criterion - known) for known in reached)
+        if criterion < reached[0] + COMPETING_CRITERION and apart > 0.01:
+            reached.append(criterion)
+            competing.append(other.pilot)
+    return best, competing
+
+
+def _elsewhere(found: Optimum) -> Optimum:
+    """The optimum, or a better one where a change in time lies elsewhere."""
+    joint, remnant = found.joint, found.values[found.joint.pilot :]
+    others = joint.prediction.model.elsewhere(found.pilot)
+    if not others:
+        return found
+    starts = np.array([np.concatenate([other, remnant]) for other in others])
+    ends = minimise(joint.gram, starts, joint, tolerance=1e-4, iterations=20)
+    return found.moved(ends.values[0]) if ends.cost[0] < found.end.cost[0] else found

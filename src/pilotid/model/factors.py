@@ -1,0 +1,679 @@
+"""The building blocks of a pilot model.
+
+A channel of a pilot model is a signed product of factors.  A factor knows its parameters and
+its frequency response; the *log-derivative* (the derivative of the logarithm of the response)
+by each parameter is numeric unless it gives that too.  Responses multiply and log-derivatives
+add, so that the Jacobian of any product follows by itself.  A factor of one's own derives from
+`Factor`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+from typing import Any
+
+import numpy as np
+
+from pilotid.model.element import ControlledElement, Rational, pade
+from pilotid.support.types import ComplexArray, FloatArray, InputError
+
+#: Parameters of a factor: one array each, which broadcasts against s, so that many
+#: parameter sets are evaluated at once with arrays of shape (sets, 1).
+Values = Sequence[FloatArray]
+
+#: A response or log-derivative; real where it does not depend on s.
+Response = ComplexArray | FloatArray
+
+#: Response of a factor, and its log-derivative by each of its parameters.
+Evaluated = tuple[Response, tuple[Response, ...]]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One free parameter of a pilot model.
+
+    Attributes
+    ----------
+    key
+        Name in tables and files; parameters with equal keys are one parameter.
+    unit
+        Unit as printed, empty for a dimensionless parameter.
+    lower, upper
+        Bounds of the search.
+    start
+        Default initial guess, strictly inside the bounds.
+    usual
+        Range in which published values lie; random starts are drawn from it.
+    positive
+        Starts far from the default are drawn on a logarithmic scale.
+    linear
+        The response is proportional to this parameter, which lets a search
+        solve for it instead of guessing it.
+    delay
+        It is a time delay, which a pilot cannot have negative.
+    last
+        It stands behind the others in tables and files, as neuromuscular parameters do.
+    """
+
+    key: str
+    unit: str
+    lower: float
+    upper: float
+    start: float
+    usual: tuple[float, float]
+    positive: bool = True
+    linear: bool = False
+    delay: bool = False
+    last: bool = False
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[^\W\d_]\w{0,39}", self.key):
+            raise ValueError(
+                f"parameter {self.key!r}: the key must be a letter, followed by letters, digits "
+                "and underscores"
+            )
+        if not (self.unit.isprintable() and len(self.unit) <= 40 and "$" not in self.unit):
+            raise ValueError(
+                f"parameter {self.key}: the unit {self.unit!r} must be at most 40 printable "
+                "characters without $"
+            )
+        if not self.lower < self.start < self.upper:
+            raise ValueError(
+                f"parameter {self.key}: the start {self.start:g} must lie strictly inside "
+                f"the bounds ({self.lower:g}, {self.upper:g})"
+            )
+        if self.positive and self.lower <= 0.0:
+            raise ValueError(
+                f"parameter {self.key}: a positive parameter needs a lower bound above zero"
+            )
+        if not self.lower <= self.usual[0] < self.usual[1] <= self.upper:
+            raise ValueError(f"parameter {self.key}: the usual range must lie inside the bounds")
+
+
+#: Step of central differences, as a share of the parameter: the cube root of the precision; and
+#: the least value that it is a share of.
+STEP, LEAST = 6e-6, 1e-4
+
+
+class Factor:
+    """What a channel is a product of: a transfer function of some parameters.
+
+    A factor of one's own derives from this class and must be hashable (a frozen dataclass).  It
+    gives `parameters`, `response` and `rational`; the rest has defaults.
+    """
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Free parameters, in the order in which `values` are passed."""
+        return ()
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        """Real poles that do not depend on parameters [rad/s, negative]."""
+        return ()
+
+    @property
+    def ahead(self) -> str:
+        """Key of the parameter that says how far the factor looks ahead [s], empty for none."""
+        return ""
+
+    @property
+    def derivative(self) -> int:
+        """Order n of a factor s^n: the channel acts on the n-th derivative of its input."""
+        return 0
+
+    def response(self, s: ComplexArray, values: Values) -> Response:
+        """Transfer function at `s` [rad/s].
+
+        Parameters
+        ----------
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            One array for each parameter, which broadcasts against `s`.
+
+        Returns
+        -------
+        ComplexArray or FloatArray
+            The response, of a shape that broadcasts to that of `s`.
+        """
+        raise NotImplementedError
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        """Polynomials of the transfer function; a delay becomes a Pade approximant.
+
+        Parameters
+        ----------
+        values
+            A number for each parameter.
+        pade_order
+            Order of the approximant.
+
+        Returns
+        -------
+        numerator, denominator
+            Coefficients, highest power of s first.
+        """
+        raise NotImplementedError
+
+    def seconds(self, values: Values) -> FloatArray | None:
+        """T [s] of a factor e^{-T s}, which no rational function is; None for others.
+
+        It has the shape of its parameter.
+        """
+        return None
+
+    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
+        """Response, and its log-derivative by each parameter: central differences.
+
+        Parameters
+        ----------
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            One array for each parameter, which broadcasts against `s`.
+        """
+        response, slopes = self.response(s, values), []
+        # Where there is no response, as of a washout at rest, its logarithm has no slope.
+        inverse = 1.0 / np.where(response == 0.0, 1.0, response)
+        for i, value in enumerate(values):
+            step = STEP * np.maximum(np.abs(value), LEAST)
+            ahead, behind = (
+                self.response(s, [*values[:i], value + own, *values[i + 1 :]])
+                for own in (step, -step)
+            )
+            slopes.append((ahead - behind) * (inverse / (2.0 * step)))
+        return response, tuple(slopes)
+
+
+@dataclass(frozen=True)
+class Held(Factor):
+    """A factor some of whose parameters have fixed values, see `PilotModel.with_fixed`.
+
+    Attributes
+    ----------
+    factor
+        The factor.
+    held
+        Keys and values of the parameters that are not free.
+    """
+
+    factor: Factor
+    held: tuple[tuple[str, float], ...]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(p for p in self.factor.parameters if p.key not in dict(self.held))
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        return self.factor.fixed_poles
+
+    @property
+    def derivative(self) -> int:
+        return self.factor.derivative
+
+    @property
+    def ahead(self) -> str:
+        return self.factor.ahead
+
+    @cached_property
+    def _constants(self) -> tuple[FloatArray | None, ...]:
+        """The value of each parameter of the factor that is held, None of those that are free."""
+        known = dict(self.held)
+        keys = (p.key for p in self.factor.parameters)
+        return tuple(np.asarray(known[key]) if key in known else None for key in keys)
+
+    def _all(self, values: Sequence[Any]) -> list[Any]:
+        """The values of all parameters."""
+        free = iter(values)
+        return [next(free) if held is None else held for held in self._constants]
+
+    def response(self, s: ComplexArray, values: Values) -> Response:
+        return self.factor.response(s, self._all(values))
+
+    def seconds(self, values: Values) -> FloatArray | None:
+        return self.factor.seconds(self._all(values))
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return self.factor.rational([float(v) for v in self._all(values)], pade_order)
+
+
+class Polynomial(Factor):
+    """A polynomial in s, each of whose coefficients is affine in its parameters.
+
+    Such a factor may vary in time: it takes derivatives of the input and has no memory.
+    """
+
+    def coefficients(self, values: Values) -> tuple[FloatArray, ...]:
+        """Coefficients, lowest power of s first, each of the shape of a parameter."""
+        raise NotImplementedError
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        numbers = self.coefficients([np.asarray(value) for value in values])
+        return [float(c) for c in reversed(numbers)], [1.0]
+
+
+@dataclass(frozen=True)
+class Gain(Polynomial):
+    """A constant gain; its sign belongs to the channel, so it is positive.
+
+    Attributes
+    ----------
+    key
+        Key of the parameter.
+    start
+        Initial guess.
+    unit
+        Its unit, empty for none.
+    bounds
+        Bounds of the search.
+    """
+
+    key: str
+    start: float = 1.0
+    unit: str = ""
+    bounds: tuple[float, float] = (1e-6, 1e6)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        usual = (0.1 * self.start, 10.0 * self.start)
+        return (Parameter(self.key, self.unit, *self.bounds, self.start, usual, linear=True),)
+
+    def response(self, s: ComplexArray, values: Values) -> FloatArray:
+        return values[0]
+
+    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
+        return values[0], (1.0 / values[0],)
+
+    def coefficients(self, values: Values) -> tuple[FloatArray]:
+        return (values[0],)
+
+
+@dataclass(frozen=True)
+class Lead(Polynomial):
+    """First-order lead 1 + T s.
+
+    Attributes
+    ----------
+    key
+        Key of the parameter.
+    start
+        Initial guess [s].
+    bounds, usual
+        Bounds of the search, and the range of published values [s].
+    """
+
+    key: str = "tlead"
+    start: float = 1.0
+    bounds: tuple[float, float] = (0.01, 30.0)
+    usual: tuple[float, float] = (0.2, 5.0)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter(self.key, "s", *self.bounds, self.start, self.usual),)
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        return 1.0 + values[0] * s
+
+    def coefficients(self, values: Values) -> tuple[FloatArray, FloatArray]:
+        return np.ones_like(values[0]), values[0]
+
+
+@dataclass(frozen=True)
+class Lag(Factor):
+    """First-order lag 1 / (1 + T s).
+
+    Attributes
+    ----------
+    key
+        Key of the parameter.
+    start
+        Initial guess [s].
+    bounds, usual
+        Bounds of the search, and the range of published values [s].
+    """
+
+    key: str = "tlag"
+    start: float = 0.5
+    bounds: tuple[float, float] = (1e-4, 30.0)
+    usual: tuple[float, float] = (0.2, 5.0)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter(self.key, "s", *self.bounds, self.start, self.usual),)
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        return 1.0 / (1.0 + values[0] * s)
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return [1.0], [float(values[0]), 1.0]
+
+
+STRIDE = 32  # of the coarse grid of `exponential`
+
+
+def exponential(seconds: FloatArray, s: ComplexArray) -> ComplexArray:
+    """exp(seconds s), of the shapes (..., 1) and (n,).
+
+    On an even grid, as that of a transform, a coarse and a fine grid are multiplied, for a product
+    takes a tenth of the time of an exponential.
+    """
+    steps = np.diff(s)
+    if s.size < 8 * STRIDE or np.abs(steps - steps[0]).max() > 1e-9 * abs(steps[0]):
+        return np.exp(seconds * s)
+    coarse, fine = np.exp(seconds * s[::STRIDE]), np.exp(seconds * (steps[0] * np.arange(STRIDE)))
+    products = coarse[..., :, None] * fine[..., None, :]
+    return np.asarray(products.reshape(*coarse.shape[:-1], -1)[..., : s.size])
+
+
+@dataclass(frozen=True)
+class Delay(Factor):
+    """Pure time delay e^{-T s}, exact in frequency responses.
+
+    Attributes
+    ----------
+    key
+        Key of the parameter.
+    start
+        Initial guess [s].
+    bounds, usual
+        Bounds of the search, and the range of published values [s].
+    """
+
+    key: str = "tdvis"
+    start: float = 0.25
+    bounds: tuple[float, float] = (0.0, 1.0)
+    usual: tuple[float, float] = (0.1, 0.5)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (
+            Parameter(
+                self.key, "s", *self.bounds, self.start, self.usual, positive=False, delay=True
+            ),
+        )
+
+    def seconds(self, values: Values) -> FloatArray:
+        return values[0]
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        return exponential(-values[0], s)
+
+    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
+        return exponential(-values[0], s), (-s,)
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return pade(float(values[0]), pade_order)
+
+
+@dataclass(frozen=True)
+class LookAhead(Factor):
+    """What is seen T seconds before it comes: e^{+T s}, for targets displayed ahead.
+
+    Attributes
+    ----------
+    key
+        Key of the parameter.
+    start
+        Initial guess [s].
+    bounds, usual
+        Bounds of the search, and the range of published values [s].  The upper bound is how much
+        of the recording's end is not scored, for what was seen beyond it was not recorded.
+    """
+
+    key: str = "tlook"
+    start: float = 0.5
+    bounds: tuple[float, float] = (0.0, 2.0)
+    usual: tuple[float, float] = (0.1, 1.2)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter(self.key, "s", *self.bounds, self.start, self.usual, positive=False),)
+
+    @property
+    def ahead(self) -> str:
+        return self.key
+
+    def seconds(self, values: Values) -> FloatArray:
+        return -values[0]
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        return exponential(values[0], s)
+
+    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
+        return exponential(values[0], s), (s,)
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        raise InputError(
+            "what is seen ahead has no transfer function: no system answers before its input"
+        )
+
+
+@dataclass(frozen=True)
+class Differentiator(Factor):
+    """s to a power: the channel sees a derivative of its input (2: acceleration).
+
+    Attributes
+    ----------
+    order
+        The power of s.
+    """
+
+    order: int = 1
+
+    @property
+    def derivative(self) -> int:
+        return self.order
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        return np.asarray(s**self.order)
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return [1.0] + [0.0] * self.order, [1.0]
+
+
+class Fixed(Factor):
+    """A transfer function without parameters, see `ratio`."""
+
+    @property
+    def ratio(self) -> Rational:
+        """Numerator and denominator coefficients, highest power of s first."""
+        raise NotImplementedError
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        top, bottom = self.ratio
+        return np.asarray(np.polyval(top, s) / np.polyval(bottom, s))
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return self.ratio
+
+
+@dataclass(frozen=True)
+class Canals(Fixed):
+    """Semicircular canals (1 + tv1 s) / (1 + tv2 s), with fixed time constants.
+
+    The defaults, 0.1 s and 6 s, are those of AIAA 2008-7109, Eq. (1).
+
+    Attributes
+    ----------
+    tv1, tv2
+        Time constants of lead and lag [s].
+    """
+
+    tv1: float = 0.1
+    tv2: float = 6.0
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        return (-1.0 / self.tv2,)
+
+    @property
+    def ratio(self) -> Rational:
+        return [self.tv1, 1.0], [self.tv2, 1.0]
+
+
+@dataclass(frozen=True)
+class Otoliths(Fixed):
+    """Otoliths (1 + to1 s) / ((1 + to2 s) (1 + to3 s)), with fixed time constants.
+
+    The form is that of Hosman (1996); the defaults were chosen here after it, and not held against
+    its text.
+
+    Attributes
+    ----------
+    to1, to2, to3
+        Time constants of the lead and of both lags [s].
+    """
+
+    to1: float = 1.0
+    to2: float = 0.5
+    to3: float = 0.016
+
+    @property
+    def ratio(self) -> Rational:
+        return [self.to1, 1.0], [self.to2 * self.to3, self.to2 + self.to3, 1.0]
+
+
+#: Pole in place of an integrator [rad/s], which no recording is long enough to tell from one.
+ALMOST_INTEGRATOR = 0.01
+
+
+@dataclass(frozen=True)
+class Inverse(Fixed):
+    """1/(s Hc(s)): what makes an integrator of a controlled element, but for its delay.
+
+    Attributes
+    ----------
+    element
+        The controlled element; None until a recording names it, and 1/s so long.
+    """
+
+    element: ControlledElement | None = None
+
+    def __post_init__(self) -> None:
+        if self.element is not None and any(np.real(np.roots(self.element.numerator)) >= 0.0):
+            raise InputError(
+                f"the inverse of {self.element.name or 'the controlled element'} is unstable, so "
+                "that no pilot makes an integrator of it; choose a model that is given a form"
+            )
+
+    @property
+    def ratio(self) -> Rational:
+        if self.element is None:
+            return [1.0], [1.0]
+        top, bottom = list(self.element.denominator), list(self.element.numerator)
+        if top[-1] == 0.0:
+            return top[:-1], bottom
+        return top, np.polymul(bottom, [1.0, ALMOST_INTEGRATOR]).tolist()
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        is_gain = self.element is not None and self.element.denominator[-1] != 0.0
+        return (-ALMOST_INTEGRATOR,) if is_gain else ()
+
+
+@dataclass(frozen=True)
+class InnerLoop(Factor):
+    """A closed loop inside a pilot: H / (1 + H B).
+
+    Attributes
+    ----------
+    forward
+        H, what the loop is closed around.
+    back
+        Factors of B, what is fed back.
+    """
+
+    forward: Factor
+    back: tuple[Factor, ...]
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        back = (replace(p, linear=False) for factor in self.back for p in factor.parameters)
+        return (*back, *self.forward.parameters)
+
+    def _parts(self, values: Sequence[Any]) -> list[tuple[Factor, Sequence[Any]]]:
+        """The factors of B and then H, each with its own values."""
+        found, begin = [], 0
+        for factor in (*self.back, self.forward):
+            end = begin + len(factor.parameters)
+            found.append((factor, values[begin:end]))
+            begin = end
+        return found
+
+    def response(self, s: ComplexArray, values: Values) -> Response:
+        *back, forward = (factor.response(s, own) for factor, own in self._parts(values))
+        return forward / (1.0 + reduce(np.multiply, back, forward))
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        *back, (above, below) = (f.rational(own, pade_order) for f, own in self._parts(values))
+        top, bottom = np.ones(1), np.ones(1)
+        for numerator, denominator in back:
+            top, bottom = np.convolve(top, numerator), np.convolve(bottom, denominator)
+        closed = np.polyadd(np.polymul(below, bottom), np.polymul(above, top))
+        return np.polymul(above, bottom).tolist(), closed.tolist()
+
+
+@dataclass(frozen=True)
+class Neuromuscular(Factor):
+    """Second-order neuromuscular dynamics f^2 / (f^2 + 2 d f s + s^2).
+
+    Attributes
+    ----------
+    frequency_key, damping_key
+        Keys of the parameters.
+    frequency_start, frequency_bounds, frequency_usual
+        Initial guess, bounds of the search and range of published values [rad/s].
+    damping_start, damping_bounds, damping_usual
+        The same of the damping ratio.
+    """
+
+    frequency_key: str = "fnm"
+    damping_key: str = "dnm"
+    frequency_start: float = 10.0
+    damping_start: float = 0.25
+    frequency_bounds: tuple[float, float] = (2.0, 40.0)
+    damping_bounds: tuple[float, float] = (0.02, 3.0)
+    frequency_usual: tuple[float, float] = (6.0, 20.0)
+    damping_usual: tuple[float, float] = (0.1, 0.8)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (
+            Parameter(
+                self.frequency_key,
+                "rad/s",
+                *self.frequency_bounds,
+                self.frequency_start,
+                self.frequency_usual,
+                last=True,
+            ),
+            Parameter(
+                self.damping_key,
+                "",
+                *self.damping_bounds,
+                self.damping_start,
+                self.damping_usual,
+                last=True,
+            ),
+        )
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        f, d = values
+        return f * f / (f * f + s * (s + 2.0 * d * f))
+
+    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
+        f, d = values
+        ratio = s / f
+        response = 1.0 / (1.0 + ratio * (ratio + 2.0 * d))
+        by_damping = response * ratio
+        by_damping *= -2.0
+        return response, (by_damping * ((ratio + d) * (-1.0 / f)), by_damping)
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        f, d = float(values[0]), float(values[1])
+        return [f * f], [1.0, 2.0 * d * f, f * f]

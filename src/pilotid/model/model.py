@@ -1,0 +1,715 @@
+"""Pilot models: a sum of channels, each a signed product of factors on one input."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pilotid.model.element import ControlledElement, Rational
+from pilotid.model.factors import (
+    Evaluated,
+    Factor,
+    Held,
+    Inverse,
+    Lag,
+    Lead,
+    Parameter,
+    Response,
+)
+from pilotid.model.timevarying import RATE, SHIFTS, STEEP, TIME, Changing
+from pilotid.support.types import (
+    SIGNAL_NAME,
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    InputError,
+    IntArray,
+    is_signal_name,
+)
+
+if TYPE_CHECKING:
+    import control
+
+
+#: Words for the signals of the loop that a channel acts on.
+INPUTS = {"error": "e", "output": "x", "target": "ft"}
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One path of the pilot, from an input signal to the control.
+
+    Attributes
+    ----------
+    name
+        As in tables and files, for example ``visual``.
+    on
+        The signal that it acts on: ``e``, ``x``, ``ft`` (or ``error``, ``output``, ``target``), or
+        the name of another recorded signal, as in `Recording.extra`.
+    sign
+        +1 or -1: motion channels act against the output.
+    factors
+        Their product is the channel's response (without the sign); what varies in time acts first.
+    """
+
+    name: str
+    on: str
+    sign: int
+    factors: tuple[Factor | Changing, ...]
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[\w .+-]{1,40}", self.name):
+            raise ValueError(
+                f"channel {self.name!r}: the name must be letters, digits, blanks and . + -, 40 at "
+                "most"
+            )
+        object.__setattr__(self, "on", INPUTS.get(self.on, self.on))
+        if self.on in ("t", "u") or not is_signal_name(self.on):
+            raise ValueError(
+                f"channel {self.name}: cannot act on {self.on!r}; name a signal such as e, x, ft "
+                f"or x2: {SIGNAL_NAME}"
+            )
+        if self.sign not in (1, -1):
+            raise ValueError(
+                f"channel {self.name}: the sign must be 1 or -1, not {self.sign!r}; "
+                "its size belongs to a gain"
+            )
+        if not self.factors:
+            raise InputError(f"channel {self.name}: has no factors; give it one at least")
+        for factor in self.factors:
+            if not isinstance(factor, Factor | Changing):
+                raise ValueError(
+                    f"channel {self.name}: {type(factor).__name__} must derive from "
+                    "pilotid.model.factors.Factor"
+                )
+        if sum(isinstance(f, Changing) for f in self.factors) > 1:
+            raise ValueError(
+                f"channel {self.name}: put all factors that vary in time into one Changing"
+            )
+
+    @cached_property
+    def derivative(self) -> int:
+        """Order of the input's derivative that the channel acts on."""
+        return sum(f.derivative for f in self.factors if isinstance(f, Factor))
+
+    @cached_property
+    def dynamics(self) -> tuple[Factor, ...]:
+        """The factors apart from the differentiators and from what varies in time."""
+        return tuple(f for f in self.factors if isinstance(f, Factor) and not f.derivative)
+
+    @cached_property
+    def changing(self) -> Changing | None:
+        """The factor that varies in time and acts on the input first; None for none."""
+        return next((f for f in self.factors if isinstance(f, Changing)), None)
+
+
+#: A factor and the indices of its parameters.
+Placed = tuple[Factor, tuple[int, ...]]
+
+
+@dataclass(frozen=True)
+class PilotModel:
+    """A parametric model of the human controller, u = sum of channels + remnant.
+
+    Attributes
+    ----------
+    name, description
+        For the command line and reports.
+    channels
+        The paths that add up to the control.
+    overrides
+        Parameters whose bounds or start differ from those that the factors give.
+
+    A structure of one's own takes a few lines::
+
+        PilotModel("lagged", (Channel("visual", "error", 1,
+            (Gain("Kvis"), Lag("tlag"), Delay("tdvis"), Neuromuscular())),))
+    """
+
+    name: str
+    channels: tuple[Channel, ...]
+    description: str = ""
+    overrides: tuple[Parameter, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.channels:
+            raise ValueError(f"model {self.name} has no channel; give it one at least")
+        _ = self.parameters  # refuses what does not fit together, here and not in the first fit
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Free parameters, in order of appearance, neuromuscular ones last."""
+        found: dict[str, Parameter] = {}
+        for parameter in (p for c in self.channels for f in c.factors for p in f.parameters):
+            if found.setdefault(parameter.key, parameter) != parameter:
+                raise ValueError(
+                    f"model {self.name}: the two factors that share parameter {parameter.key} "
+                    "must give it the same unit, bounds and start"
+                )
+        for parameter in self.overrides:
+            if parameter.key not in found:
+                raise ValueError(f"model {self.name} has no parameter {parameter.key} to override")
+            found[parameter.key] = parameter
+        return tuple(sorted(found.values(), key=lambda p: p.last))
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Parameter keys in model order."""
+        return tuple(p.key for p in self.parameters)
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        """The place of each parameter in model order, by its key."""
+        return {p.key: i for i, p in enumerate(self.parameters)}
+
+    def _indices(self, parameters: tuple[Parameter, ...]) -> tuple[int, ...]:
+        return tuple(self.index[p.key] for p in parameters)
+
+    @cached_property
+    def lower(self) -> FloatArray:
+        """Lower bounds, shape (parameters,)."""
+        return np.array([p.lower for p in self.parameters])
+
+    @cached_property
+    def upper(self) -> FloatArray:
+        """Upper bounds, shape (parameters,)."""
+        return np.array([p.upper for p in self.parameters])
+
+    @cached_property
+    def start(self) -> FloatArray:
+        """Default initial guess, shape (parameters,)."""
+        return np.array([p.start for p in self.parameters])
+
+    @cached_property
+    def usual(self) -> FloatArray:
+        """Lower and upper ends of the ranges of published values, shape (2, parameters)."""
+        return np.array([p.usual for p in self.parameters]).reshape(-1, 2).T
+
+    @cached_property
+    def positive(self) -> BoolArray:
+        """Which parameters are searched on a logarithmic scale, shape (parameters,)."""
+        return np.array([p.positive for p in self.parameters])
+
+    @property
+    def delays(self) -> tuple[int, ...]:
+        """Indices of the parameters that are time delays."""
+        return tuple(i for i, p in enumerate(self.parameters) if p.delay)
+
+    @cached_property
+    def linear(self) -> tuple[int, ...]:
+        """Indices of the parameters that the response is proportional to."""
+        return tuple(i for i, p in enumerate(self.parameters) if p.linear)
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        """Poles that no parameter moves [rad/s]; their free decay is a nuisance term."""
+        poles = {p for c in self.channels for f in c.factors for p in f.fixed_poles}
+        return tuple(sorted(poles))
+
+    def slowest_lag(self, values: FloatArray) -> float:
+        """The longest time constant of a lag that parameters move [s], 0 without one.
+
+        Parameters
+        ----------
+        values
+            Parameters in model order, shape (parameters,).
+        """
+        if self.changes:
+            return 0.0
+        longest = 0.0
+        for factor, indices in {placed for layout in self.layout for placed in layout}:
+            own = [values[i] for i in indices]
+            if factor.fixed_poles or factor.seconds(own) is not None:
+                continue
+            poles = np.roots(factor.rational([float(value) for value in own], 1)[1])
+            real = poles.real[(poles.imag == 0.0) & (poles.real < 0.0)]
+            longest = max(longest, *(-1.0 / real).tolist(), 0.0)
+        return longest
+
+    @cached_property
+    def ahead(self) -> float:
+        """How far the model looks ahead at most [s]."""
+        most = {p.key: p.upper for p in self.parameters} | self.held
+        return max(
+            sum(most[f.ahead] for f in c.factors if isinstance(f, Factor) and f.ahead)
+            for c in self.channels
+        )
+
+    @cached_property
+    def extra(self) -> tuple[str, ...]:
+        """Signals beside e, x and ft that channels act on: how the loop moves them is unknown."""
+        return tuple(dict.fromkeys(c.on for c in self.channels if c.on not in INPUTS.values()))
+
+    @cached_property
+    def needs_element(self) -> bool:
+        """Whether the model is made for a controlled element and does not know it yet."""
+        return Inverse() in [f for c in self.channels for f in c.factors]
+
+    def with_element(self, element: ControlledElement) -> PilotModel:
+        """The same model for a controlled element; one that needs none as it is.
+
+        Raises
+        ------
+        InputError
+            If no pilot can invert the element.
+        """
+        if not self.needs_element:
+            return self
+
+        def known(channel: Channel) -> Channel:
+            factors = (Inverse(element) if f == Inverse() else f for f in channel.factors)
+            return replace(channel, factors=tuple(factors))
+
+        return replace(self, channels=tuple(known(channel) for channel in self.channels))
+
+    @cached_property
+    def changes(self) -> bool:
+        """Whether a parameter varies in time; such a model has no frequency response.
+
+        `pilotid.model.model` has the constant pilots that it is at any one time.
+        """
+        return any(c.changing is not None for c in self.channels)
+
+    @cached_property
+    def no_loop(self) -> str:
+        """Why the loop that it closes has no known responses; empty where these are known."""
+        if self.changes:
+            return (
+                "the pilot changes during the recording, and the controlled element, by which "
+                "pilots change, most likely too: it has no one loop"
+            )
+        seen = ", ".join(self.extra)
+        return f"it acts on {seen}, and how the loop moves that is not known" if seen else ""
+
+    def require_constant(self) -> None:
+        """Refuse a model that varies in time.
+
+        Raises
+        ------
+        ValueError
+            If it does.
+        """
+        if self.changes:
+            raise ValueError(
+                f"model {self.name} varies in time, so that it has no frequency response"
+            )
+
+    @cached_property
+    def layout(self) -> tuple[tuple[Placed, ...], ...]:
+        """Per channel, its dynamics, each with the indices of its parameters."""
+        return tuple(
+            tuple((f, self._indices(f.parameters)) for f in c.dynamics) for c in self.channels
+        )
+
+    @cached_property
+    def moving(self) -> tuple[Placed, ...]:
+        """The dynamics that have parameters, each once, with the indices of these."""
+        every = [placed for layout in self.layout for placed in layout if placed[1]]
+        return tuple(dict.fromkeys(every))
+
+    @cached_property
+    def places(self) -> tuple[tuple[int, ...], ...]:
+        """Per channel, which of `moving` it has."""
+        return tuple(
+            tuple(self.moving.index(placed) for placed in layout if placed[1])
+            for layout in self.layout
+        )
+
+    @cached_property
+    def sharing(self) -> tuple[tuple[int, ...], ...]:
+        """For each of `moving`, the channels that have it, as often as they do."""
+        return tuple(
+            tuple(c for c, own in enumerate(self.places) for each in own if each == place)
+            for place in range(len(self.moving))
+        )
+
+    def fixed_responses(self, s: ComplexArray) -> list[ComplexArray]:
+        """Per channel, the response of its dynamics without parameters, shape (n,) or (1,)."""
+        result = []
+        for layout in self.layout:
+            fixed = [factor.response(s, []) for factor, indices in layout if not indices]
+            result.append(np.asarray(reduce(np.multiply, fixed, np.ones(1)), dtype=complex))
+        return result
+
+    def evaluated(self, s: ComplexArray, values: FloatArray) -> list[Evaluated]:
+        """Responses and log-derivatives of `moving`, of shapes that broadcast to (sets, n).
+
+        Parameters
+        ----------
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,) or (sets, parameters).
+        """
+        return [
+            factor.response_and_slopes(s, [values[..., i, None] for i in indices])
+            for factor, indices in self.moving
+        ]
+
+    def responses_of(self, found: Sequence[Evaluated]) -> list[Response]:
+        """Per channel, the response of all its dynamics that have parameters.
+
+        Parameters
+        ----------
+        found
+            What `evaluated` gave; each response has the shape of those there.
+        """
+        one = np.ones((1, 1))
+        return [
+            reduce(np.multiply, [found[place][0] for place in places] or [one])
+            for places in self.places
+        ]
+
+    def moving_responses(self, s: ComplexArray, values: FloatArray) -> list[Response]:
+        """`responses_of` without derivatives, for parameter sets.
+
+        Parameters
+        ----------
+        s
+            Laplace variable i omega [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (sets, parameters).
+        """
+        return self.responses_of(
+            [
+                (factor.response(s, [values[..., i, None] for i in indices]), ())
+                for factor, indices in self.moving
+            ]
+        )
+
+    @cached_property
+    def exchangeable(self) -> tuple[tuple[int, int], ...]:
+        """Indices of pairs of lags, or of leads, of the same channels, that usually shorter first.
+
+        The response stays the same where the two have one another's values.
+        """
+        groups: dict[object, list[int]] = {}
+        for (factor, indices), channels in zip(self.moving, self.sharing, strict=True):
+            if isinstance(factor, Lag | Lead):
+                groups.setdefault((type(factor), channels), []).extend(indices)
+        shorter_first = (sorted(own, key=lambda i: self.usual[0, i]) for own in groups.values())
+        return tuple(pair for own in shorter_first for pair in combinations(own, 2))
+
+    def ordered(self, sets: FloatArray) -> FloatArray:
+        """The same pilots, the shorter of `exchangeable` first, where bounds allow for it.
+
+        Parameters
+        ----------
+        sets
+            Parameters in model order, shape (sets, parameters).
+        """
+        for pair in map(list, self.exchangeable):
+            swapped = sets.copy()
+            swapped[:, pair] = sets[:, pair[::-1]]
+            allowed = np.all((self.lower <= swapped) & (swapped <= self.upper), axis=1)
+            longer_first = sets[:, pair[0]] > sets[:, pair[1]]
+            sets = np.where((longer_first & allowed)[:, None], swapped, sets)
+        return sets
+
+    @cached_property
+    def changing_indices(self) -> tuple[tuple[int, ...], ...]:
+        """Per channel, the indices of the parameters of what varies in time; empty for nothing."""
+        return tuple(
+            self._indices(c.changing.parameters) if c.changing else () for c in self.channels
+        )
+
+    @cached_property
+    def change(self) -> tuple[int, ...]:
+        """Indices of middle and rate of the change; empty for a constant pilot."""
+        return self._indices((TIME, RATE)) if self.changes else ()
+
+    def elsewhere(self, values: FloatArray) -> list[FloatArray]:
+        """Parameters with the change at other times nearby, as a step; none of a constant pilot.
+
+        How well a step at some time suits depends on what the input happened to do then, so that
+        the likelihood has one optimum beside the other.
+
+        Parameters
+        ----------
+        values
+            Parameters in model order, shape (parameters,); so are those that come back.
+        """
+        if not self.changes:
+            return []
+        (middle, rate), found = self.change, []
+        for shift in SHIFTS:
+            moved = values.copy()
+            moved[middle] = np.clip(values[middle] + shift, self.lower[middle], self.upper[middle])
+            moved[rate] = STEEP
+            found.append(moved)
+        return found
+
+    def vector(self, values: Mapping[str, float]) -> FloatArray:
+        """Parameter values by key as a vector in model order, shape (parameters,)."""
+        missing = [key for key in self.keys if key not in values]
+        if missing:
+            raise InputError(f"model {self.name}: no value for {', '.join(missing)}")
+        return np.array([float(values[key]) for key in self.keys])
+
+    def responses(self, s: ComplexArray, values: FloatArray) -> list[ComplexArray]:
+        """Each channel's response without its sign, its differentiators, and what varies in time.
+
+        Parameters
+        ----------
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,).
+        """
+        result = []
+        for layout in self.layout:
+            response: ComplexArray = np.ones_like(s)
+            for factor, indices in layout:
+                response = response * factor.response(s, [values[i, None] for i in indices])
+            result.append(response)
+        return result
+
+    def response(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
+        """Frequency response of every channel, without its sign.
+
+        Parameters
+        ----------
+        omega
+            Frequencies [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,).
+
+        Returns
+        -------
+        ComplexArray
+            Shape (channels, n).
+        """
+        self.require_constant()
+        s = 1j * np.asarray(omega, dtype=float)
+        return np.array(
+            [
+                response * s**channel.derivative
+                for channel, response in zip(self.channels, self.responses(s, values), strict=True)
+            ]
+        )
+
+    def response_and_jacobian(
+        self, omega: FloatArray, values: FloatArray
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """`response` and its derivative by each parameter.
+
+        Parameters
+        ----------
+        omega
+            Frequencies [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,), or parameter sets, shape
+            (sets, parameters).
+
+        Returns
+        -------
+        response, jacobian
+            Complex, shape (channels, n) and (channels, parameters, n); for parameter sets
+            (sets, ...) each.
+        """
+        rows = self.at(omega)(values)
+        return rows[..., -1, :], rows[..., :-1, :]
+
+    def at(self, omega: FloatArray) -> Callable[[FloatArray], ComplexArray]:
+        """What evaluates the model at fixed frequencies, again and again.
+
+        Parameters
+        ----------
+        omega
+            Frequencies [rad/s], shape (n,).
+
+        Returns
+        -------
+        Callable
+            From parameters in model order, shape (parameters,) or (sets, parameters), to the
+            derivatives of `response` by each and, below them, the response: shape (channels,
+            parameters + 1, n), or (sets, ...).
+        """
+        self.require_constant()
+        s = 1j * np.asarray(omega, dtype=float)
+        every = [
+            response * s**channel.derivative
+            for channel, response in zip(self.channels, self.fixed_responses(s), strict=True)
+        ]
+
+        def rows(values: FloatArray) -> ComplexArray:
+            found = self.evaluated(s, values)
+            shape = (len(every), values.shape[-1] + 1, s.size)
+            result = np.zeros((*values.shape[:-1], *shape), dtype=complex)
+            for c, (places, fixed) in enumerate(zip(self.places, every, strict=True)):
+                response = reduce(np.multiply, [found[place][0] for place in places], fixed)
+                result[..., c, -1, :] = response
+                for place in places:
+                    for index, slope in zip(self.moving[place][1], found[place][1], strict=True):
+                        result[..., c, index, :] += slope * response
+            return result
+
+        return rows
+
+    def polynomials(self, values: FloatArray, pade_order: int = 5) -> list[Rational]:
+        """Each channel's polynomials, delays as Pade approximants.
+
+        Without sign and differentiators: the input is the derivative that the channel acts on.
+
+        Parameters
+        ----------
+        values
+            Parameters in model order, shape (parameters,).
+        pade_order
+            Order of numerator and denominator in place of a delay.
+        """
+        self.require_constant()
+        result: list[Rational] = []
+        for layout in self.layout:
+            top, bottom = np.ones(1), np.ones(1)
+            for factor, indices in layout:
+                above, below = factor.rational([float(values[i]) for i in indices], pade_order)
+                top, bottom = np.convolve(top, above), np.convolve(bottom, below)
+            result.append((top.tolist(), bottom.tolist()))
+        return result
+
+    def rational(self, values: FloatArray, pade_order: int = 5) -> list[control.TransferFunction]:
+        """Each channel as a python-control transfer function, without its sign.
+
+        Parameters
+        ----------
+        values
+            Parameters in model order, shape (parameters,).
+        pade_order
+            See `polynomials`.
+        """
+        import control
+
+        return [
+            control.TransferFunction([*top, *[0.0] * channel.derivative], bottom)
+            for channel, (top, bottom) in zip(
+                self.channels, self.polynomials(values, pade_order), strict=True
+            )
+        ]
+
+    @cached_property
+    def held(self) -> dict[str, float]:
+        """Values of the parameters that are fixed, by their keys."""
+        own = (f.held for c in self.channels for f in c.factors if isinstance(f, Held))
+        return dict(pair for pairs in own for pair in pairs)
+
+    @property
+    def held_words(self) -> list[str]:
+        """These in words, as tables say them: a line, or none."""
+        own = (f for c in self.channels for f in c.factors if isinstance(f, Held))
+        units = {p.key: p.unit for f in own for p in f.factor.parameters}
+        words = (f"{key} = {value:g} {units[key]}".rstrip() for key, value in self.held.items())
+        return [f"held, not estimated: {', '.join(words)}"] if self.held else []
+
+    def with_fixed(self, **values: float) -> PilotModel:
+        """The same model with parameters held at values, by any method, without an interval.
+
+        Raises
+        ------
+        InputError
+            For a parameter that the model lacks, one that varies in time, or a value that it
+            cannot have.
+        """
+        self._require(values)
+        for key, value in values.items():
+            known = self.parameters[self.index[key]]
+            least = 0.0 if known.positive or known.delay else -np.inf
+            if not np.isfinite(value) or value < least or (known.positive and value <= 0.0):
+                raise InputError(f"{key} cannot be held at {value:g}; give a number above 0")
+            if any(c.changing and key in (p.key for p in c.changing.parameters)
+                   for c in self.channels):  # fmt: skip
+                raise InputError(f"{key} of model {self.name} varies in time and cannot be held")
+
+        def fixed(factor: Factor | Changing) -> Factor | Changing:
+            own = tuple((p.key, float(values[p.key])) for p in factor.parameters
+                        if p.key in values)  # fmt: skip
+            if not own or isinstance(factor, Changing):
+                return factor
+            if isinstance(factor, Held):
+                return Held(factor.factor, factor.held + own)
+            return Held(factor, own)
+
+        channels = tuple(
+            replace(c, factors=tuple(fixed(f) for f in c.factors)) for c in self.channels
+        )
+        kept = tuple(p for p in self.overrides if p.key not in values)
+        return replace(self, channels=channels, overrides=kept)
+
+    def with_bounds(self, **bounds: tuple[float, float]) -> PilotModel:
+        """The same model with other bounds of the search, by key.
+
+        Raises
+        ------
+        InputError
+            For a parameter that the model lacks, or bounds that are none.
+        """
+        self._require(bounds)
+        changed = {p.key: p for p in self.overrides}
+        for key, (lower, upper) in bounds.items():
+            known = self.parameters[self.index[key]]
+            if not (0.0 if known.positive or known.delay else -np.inf) <= lower < upper < np.inf:
+                raise InputError(f"{key}: {lower:g} .. {upper:g} are no bounds; give LOWER..UPPER")
+            lower = max(lower, 1e-6 * upper) if known.positive else lower
+            inside = np.clip(known.usual, lower, upper)
+            usual = tuple(inside) if inside[0] < inside[1] else (lower, upper)
+            middle = (lower * upper) ** 0.5 if lower > 0.0 else 0.5 * (lower + upper)
+            start = known.start if lower < known.start < upper else middle
+            changed[key] = replace(known, lower=lower, upper=upper, start=start, usual=usual)
+        return replace(self, overrides=tuple(changed.values()))
+
+    def _require(self, keys: Iterable[str]) -> None:
+        if unknown := [key for key in keys if key not in self.index]:
+            raise InputError(
+                f"model {self.name} has no parameter {', '.join(unknown)}: "
+                f"choose from {', '.join(self.keys)}"
+            )
+
+    def with_start(self, values: Mapping[str, float]) -> PilotModel:
+        """The same model with other initial guesses for the parameters named."""
+        self._require(values)
+        for p in self.parameters:
+            if p.key in values and not p.lower < values[p.key] < p.upper:
+                raise InputError(
+                    f"the start {p.key}={values[p.key]:g} lies outside the bounds of model "
+                    f"{self.name}, {p.lower:g} to {p.upper:g}"
+                )
+        changed = tuple(
+            replace(p, start=float(values[p.key])) if p.key in values else p
+            for p in self.parameters
+        )
+        return replace(self, overrides=changed)
+
+    @cached_property
+    def constant(self) -> PilotModel:
+        """The model with what varies in time taken for constant; a constant one as it is."""
+        if not self.changes:
+            return self
+        channels = tuple(_constant(channel) for channel in self.channels)
+        plain = PilotModel(self.name, channels, self.description)
+        kept = tuple(p for p in self.overrides if p.key in plain.index)
+        return replace(plain, overrides=kept)
+
+    @property
+    def ends(self) -> tuple[IntArray, IntArray]:
+        """Indices of the parameters at the beginning and at the end, shape (constant model's,)."""
+        before, after = dict(self.index), dict(self.index)
+        for changing in filter(None, (c.changing for c in self.channels)):
+            for p in changing.changed:
+                first, last = changing.ends(p.key)
+                before[p.key], after[p.key] = self.index[first], self.index[last]
+        keys = self.constant.keys
+        return np.array([before[key] for key in keys]), np.array([after[key] for key in keys])
+
+
+def _constant(channel: Channel) -> Channel:
+    """A channel with its changing factors taken for constant."""
+    factors: list[Factor] = []
+    for factor in channel.factors:
+        factors += list(factor.factors) if isinstance(factor, Changing) else [factor]
+    return replace(channel, factors=tuple(factors))

@@ -1,0 +1,182 @@
+"""Gains and leads that pass from one value to another along a sigmoid in time.
+
+They act on the channel's input before delay and neuromuscular system.  Where they vary in time,
+what these are given is a sum of the input and its derivatives, each times a function of time:
+K(t) (1 + T(t) s) e becomes K(t) e + K(t) T(t) de/dt.  So variation in time is a property of the
+model, and any method that predicts in the time domain can take it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+
+from pilotid.model.factors import Parameter, Polynomial
+from pilotid.support.types import FloatArray
+
+#: Rate [1/s] from which on a change is a step: it takes less than half a second.
+STEEP = 10.0
+#: By how much a search moves a step in time [s].
+SHIFTS = (-4.0, -2.8, -2.0, -1.4, -0.8, -0.4, 0.0, 0.4, 0.8, 1.4, 2.0, 2.8, 4.0)
+#: Middle [s] and rate [1/s] of the change.
+TIME = Parameter("tmid", "s", 0.0, 120.0, 30.0, (10.0, 70.0), positive=False)
+RATE = Parameter("rate", "1/s", 0.05, 120.0, 2.0, (0.1, 50.0))
+
+
+@dataclass(frozen=True)
+class Changing:
+    """Gains and leads of a channel that pass from one value to another along a sigmoid.
+
+    Every parameter P becomes two, P1 and P2, and is
+
+        P(t) = P1 + (P2 - P1)/(1 + exp(-rate (t - tmid)))
+
+    (Zaal, JGCD 39(5) 2016).  The time t runs from the start of the measurement window; three
+    quarters of the change take 4/rate.  Where a product of leads varies it is the product of their
+    polynomials at each time that acts on the input and its derivatives.
+
+    Attributes
+    ----------
+    factors
+        `Gain`, `Lead`, or others that are a `Polynomial`.
+    """
+
+    factors: tuple[Polynomial, ...]
+    fixed_poles = ()
+
+    def __post_init__(self) -> None:
+        if not self.factors or not self.changed:
+            raise ValueError("a change needs at least one factor with a parameter")
+        for factor in self.factors:
+            if not isinstance(factor, Polynomial):
+                raise ValueError(
+                    f"{type(factor).__name__} cannot vary in time: it has a memory of its own; "
+                    "only gains and leads can"
+                )
+
+    @property
+    def changed(self) -> tuple[Parameter, ...]:
+        """The parameters of the factors, which vary."""
+        return tuple(p for factor in self.factors for p in factor.parameters)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Each parameter before and after, then the middle and the rate of the change."""
+        changed = self.changed
+        # The response is proportional to a gain only if no other factor's gain multiplies it.
+        single = sum(p.linear for p in changed) == 1
+        both = [
+            replace(p, key=key, linear=p.linear and single)
+            for p in changed
+            for key in self.ends(p.key)
+        ]
+        return (*both, TIME, RATE)
+
+    @property
+    def order(self) -> int:
+        """Highest derivative of the channel's input that is used."""
+        return sum(len(c) - 1 for c in self._coefficients([p.start for p in self.changed]))
+
+    def ends(self, key: str) -> tuple[str, str]:
+        """Keys of what a parameter of the factors is before and after the change."""
+        return f"{key}1", f"{key}2"
+
+    def weights(self, time: FloatArray, values: FloatArray) -> list[FloatArray]:
+        """What multiplies the channel's input and its derivatives, each of shape (..., n).
+
+        Parameters
+        ----------
+        time
+            Times from the start of the measurement window [s], shape (n,).
+        values
+            Sets of the change's parameters, shape (..., parameters).
+        """
+        return product_of(self._coefficients(_at(values, _share(time, values))))
+
+    def modulated(
+        self, signals: FloatArray, time: FloatArray, values: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The modulated input, and its derivative by each parameter.
+
+        Parameters
+        ----------
+        signals
+            The channel's input and its derivatives up to `order`, shape (order + 1, runs, n).
+        time
+            See `weights`.
+        values
+            Sets of the change's parameters, shape (sets, parameters).
+
+        Returns
+        -------
+        Arrays of shape (sets, runs, n) and (sets, parameters, runs, n).
+        """
+        share = _share(time, values)
+        own = _at(values, share)
+        by_own = [
+            _weighted(product_of(self._coefficients(own, by=i)), signals) for i in range(len(own))
+        ]
+        slopes = np.empty((len(values), values.shape[1], *signals.shape[1:]))
+        for i, by in enumerate(by_own):
+            np.multiply(by, (1.0 - share)[:, None], out=slopes[:, 2 * i])
+            np.multiply(by, share[:, None], out=slopes[:, 2 * i + 1])
+        steep = share * (1.0 - share)
+        middle, rate = values[:, -2, None], values[:, -1, None]
+        step = values[:, 1:-2:2] - values[:, :-2:2]
+        for place, slope in ((-2, -rate * steep), (-1, (time - middle) * steep)):
+            parts = [by * (step[:, i, None] * slope)[:, None] for i, by in enumerate(by_own)]
+            slopes[:, place] = reduce(np.add, parts)
+        return _weighted(product_of(self._coefficients(own)), signals), slopes
+
+    def _coefficients(
+        self, parameters: Sequence[FloatArray | float], by: int | None = None
+    ) -> list[tuple[FloatArray, ...]]:
+        """Coefficients of each factor; of one their derivative by its parameter `by`.
+
+        They are affine: the derivative is the difference between parameters one apart.
+        """
+        result, first = [], 0
+        for factor in self.factors:
+            last = first + len(factor.parameters)
+            own = [np.asarray(value, dtype=float) for value in parameters[first:last]]
+            coefficients = factor.coefficients(own)
+            if by is not None and first <= by < last:
+                own[by - first] = own[by - first] + 1.0
+                further = factor.coefficients(own)
+                coefficients = tuple(b - a for a, b in zip(coefficients, further, strict=True))
+            result.append(coefficients)
+            first = last
+        return result
+
+
+def _share(time: FloatArray, values: FloatArray) -> FloatArray:
+    """How much of the change has passed, 0 to 1, shape (..., n)."""
+    middle, rate = values[..., -2, None], values[..., -1, None]
+    return np.asarray(0.5 + 0.5 * np.tanh(0.5 * rate * (time - middle)))
+
+
+def _at(values: FloatArray, share: FloatArray) -> list[FloatArray]:
+    """Each parameter that varies, where so much of the change has passed, shape (..., n)."""
+    before, after = values[..., :-2:2, None], values[..., 1:-2:2, None]
+    return list(np.moveaxis(before + (after - before) * share[..., None, :], -2, 0))
+
+
+def product_of(polynomials: Iterable[Sequence[FloatArray]]) -> list[FloatArray]:
+    """Coefficients of a product of polynomials, lowest power first."""
+    total: list[FloatArray] = [np.ones(1)]
+    for polynomial in polynomials:
+        longer: list[FloatArray] = [np.zeros(1)] * (len(total) + len(polynomial) - 1)
+        for i, a in enumerate(total):
+            for j, b in enumerate(polynomial):
+                longer[i + j] = longer[i + j] + a * b
+        total = longer
+    return total
+
+
+def _weighted(weights: list[FloatArray], signals: FloatArray) -> FloatArray:
+    """Sum of weights (sets, n) times signals (order + 1, runs, n), shape (sets, runs, n)."""
+    parts = [weight[..., None, :] * signal for weight, signal in zip(weights, signals, strict=True)]
+    return np.asarray(reduce(np.add, parts))

@@ -1,0 +1,286 @@
+"""Recordings as named arrays: MATLAB, HDF5 and numpy files.
+
+MATLAB's versions 4 and 5 are read by scipy in a process of their own, which a damaged file can end;
+7.3 and other HDF5 files are read by h5py.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import pickle
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from subprocess import PIPE
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pilotid.recording.roles import Content, Families, family_of, listed, shown
+from pilotid.recording.windows import sidecar_path
+from pilotid.support.disk import require_file
+from pilotid.support.types import InputError
+
+LARGEST_FILE = 2**32  # bytes
+READER = """
+import pickle, signal, sys, warnings
+from scipy.io import loadmat
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+warnings.simplefilter("ignore")
+for path in map(eval, sys.stdin):
+    try:
+        found = loadmat(path)
+    except Exception as error:
+        found = error
+    pickle.dump(found, sys.stdout.buffer, protocol=5)
+    sys.stdout.buffer.flush()
+"""
+LOCK = threading.Lock()
+HDF5 = b"\x89HDF\r\n\x1a\n"  # how v7.3 files begin, behind a header of 512 bytes
+NOTES = "pilotid"  # the struct variable that holds what a CSV's sidecar holds
+
+
+class MatlabObject(NamedTuple):
+    """An object of a MATLAB class, whose content only MATLAB reads."""
+
+    kind: str
+
+
+#: Variables by name, ``data(2).u`` and ``u{3}`` inside arrays of structs and cells: arrays, texts,
+#: and None for what is none of these.
+Variables = dict[str, Any]
+
+
+def read_arrays(path: Path, source: str, part: str, columns: list[str]) -> Content:
+    """What a file holds, or a part of it.
+
+    Parameters
+    ----------
+    path, source
+        The file, and its name in messages.
+    part
+        Name of the struct, group or cell that holds the recording; empty for all.
+    columns
+        Names that are asked for, of columns of matrices, ``data:3``, as well.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used.
+    """
+    from pilotid.recording.sidecar import parsed, read_sidecar
+
+    variables = _read(path, source)
+    facts: dict[str, Any] = {}
+    for name in [n for n in variables if n.partition(".")[0] == NOTES]:
+        value, place = variables.pop(name), facts
+        *keys, last = name.split(".")[1:] or ["it is no struct"]
+        for key in keys:
+            place = place.setdefault(key, {})
+        place[last] = value.tolist() if isinstance(value, np.ndarray) else value
+    beside = path.suffix.lower() != ".mat" and sidecar_path(path).exists()
+    notes = read_sidecar(path) if beside else parsed(facts, f"{source}, variable {NOTES}")
+    families = _families(variables, part, source)
+    for wanted in columns:
+        name, _, number = wanted.rpartition(":")
+        if name in families and number.isdecimal():
+            ((own, value),) = families[name].items()
+            families[wanted] = {f"{own}:{number}": _column(value, int(number))}
+    roots = {name[:n]: None for name in families for n, sign in enumerate(name) if sign == "."}
+    advice = next(
+        (
+            f"variable {name} is a MATLAB {value.kind}, which only MATLAB reads: make matrices of "
+            f"it there, as in S = table2struct({name},'ToScalar',true); save('F.mat','-struct','S')"
+            ", a timetable by timetable2table first, a timeseries by its Time and Data"
+            for name, value in variables.items()
+            if isinstance(value, MatlabObject)
+        ),
+        "",
+    )
+
+    def numbers(name: str, value: Any) -> Any:
+        if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiub":
+            raise InputError(
+                f"{source}: variable {name} does not hold real numbers; save it as a full numeric "
+                "matrix"
+            )
+        return np.atleast_1d(value if value.dtype.kind == "f" else value.astype(np.float64))
+
+    parts = {} if part else {root: _view(families, root) for root in roots}
+    return Content(families, parts, notes, numbers, source, "variable", advice=advice)
+
+
+def _families(variables: Variables, part: str, source: str) -> dict[str, dict[str, Any]]:
+    """The variables of a file, or of a part and those outside it, by family."""
+    family = family_of(part)
+    inside = [
+        name
+        for name in variables
+        if part and name.startswith((f"{part}.", f"{part}(", f"{part}{{"))
+    ]
+    families: dict[str, dict[str, Any]] = {}
+    for name, value in variables.items():
+        if not part or name in inside or not family_of(name).startswith(f"{family}."):
+            families.setdefault(family_of(name), {})[name] = value
+    if not part:
+        return families
+    if not inside:
+        there = dict.fromkeys(name.rpartition(".")[0] for name in variables if "." in name)
+        what = f"has no part {shown(part)}, only {listed(there)}"
+        raise InputError(f"{source}: {what}; name one of them behind ::")
+    return _view(families, family)
+
+
+def _view(families: Families, root: str) -> dict[str, Any]:
+    """What is in a struct, or beside or above it, by its name there; all by the whole name."""
+    above, inside = {}, {}
+    for name, members in families.items():
+        parent, _, last = name.rpartition(".")
+        if name.startswith(f"{root}."):
+            inside[name.removeprefix(f"{root}.")] = members
+        elif not parent or root.startswith(f"{parent}."):
+            above[last] = members
+    return {**families, **above, **inside}
+
+
+def _column(value: Any, number: int) -> Any:
+    """A column of a matrix, counted from 1."""
+    matrix = np.atleast_2d(value)
+    table = matrix if len(matrix) >= matrix.shape[-1] else matrix.T  # more samples than columns
+    return table[:, number - 1] if table.ndim == 2 and 0 < number <= table.shape[1] else None
+
+
+def _read(path: Path, source: str) -> Variables:
+    """The variables of a file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    require_file(path, LARGEST_FILE)
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(520)
+        if path.suffix.lower() == ".npz":
+            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+                return dict(pair for name in archive.files for pair in _in_npz(archive, name))
+        if HDF5 in (head[:8], head[512:]):
+            import h5py
+
+            with h5py.File(path, "r") as file:
+                return dict(_in_hdf5(file, ""))
+        loaded = _loaded(path).items()
+        return dict(pair for name, value in loaded for pair in _in_array(value, name))
+    except Exception as error:  # what is damaged, or too large, fails in any way whatsoever
+        suffix = path.suffix.lower()
+        kind, command = ("MATLAB", "save -v7") if suffix == ".mat" else (suffix, "numpy.savez")
+        what = shown(f"{type(error).__name__}: {error}")[1:-1]
+        raise InputError(
+            f"{source}: is no {kind} file, damaged, cut short or too large ({what}); save t, e, u, "
+            f"x again with {command}"
+        ) from None
+
+
+@cache
+def _reader(owner: int) -> subprocess.Popen[bytes]:
+    """The process that reads for the one with this id; one that was forked has another."""
+    command = [sys.executable, "-P", "-c", READER]
+    reader = subprocess.Popen(command, stdin=PIPE, stdout=PIPE, stderr=subprocess.DEVNULL)
+    atexit.register(_end, reader)
+    return reader
+
+
+def _end(reader: subprocess.Popen[bytes]) -> None:
+    reader.kill()
+    reader.communicate()
+    _reader.cache_clear()
+
+
+def _loaded(path: Path) -> dict[str, Any]:
+    """The variables that scipy reads of a file."""
+    with LOCK:
+        reader = _reader(os.getpid())
+        if reader.poll() is not None:  # it ended after its last answer
+            _end(reader)
+            reader = _reader(os.getpid())
+        assert reader.stdin is not None
+        assert reader.stdout is not None
+        try:
+            reader.stdin.write(f"{str(path.absolute())!a}\n".encode())
+            reader.stdin.flush()
+            found = pickle.load(reader.stdout)
+        except BaseException:  # the next answer must not be this one
+            _end(reader)
+            raise
+    if isinstance(found, Exception):
+        raise found
+    return {name: value for name, value in found.items() if not name.startswith("__")}
+
+
+def _in_array(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """The variables in what scipy makes of one."""
+    from scipy.io.matlab import MatlabOpaque
+
+    if isinstance(value, MatlabOpaque):
+        about = value.ravel()[0]
+        yield _decoded(about["s0"]), MatlabObject(_decoded(about["s2"]))
+    elif not isinstance(value, np.ndarray):
+        yield name, None
+    elif value.dtype.names is not None:
+        for number, struct in enumerate(value.ravel(order="F"), start=1):
+            own = name if value.size == 1 else f"{name}({number})"
+            for field in value.dtype.names:
+                yield from _in_array(struct[field], f"{own}.{field}")
+    elif value.dtype.kind == "O":
+        for number, cell in enumerate(value.ravel(order="F"), start=1):
+            yield from _in_array(cell, f"{name}{{{number}}}")
+    elif value.dtype.kind == "U" and value.size < 2:
+        yield name, "".join(value.ravel())
+    else:
+        yield name, value.squeeze()
+
+
+def _in_npz(archive: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """The variables in an array of numpy: itself, or its fields; objects are none."""
+    try:
+        array = archive[name]
+    except ValueError:  # objects of Python could run a program when they are read
+        array = np.array(None)
+    for field in array.dtype.names or ("",):
+        yield f"{name}.{field}".rstrip("."), (array[field] if field else array).squeeze()
+
+
+def _decoded(word: Any) -> str:
+    return word.decode("utf-8", "backslashreplace") if isinstance(word, bytes) else str(word)
+
+
+def _in_hdf5(entry: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """The variables in an entry of a file."""
+    import h5py
+
+    kind = _decoded(entry.attrs.get("MATLAB_class", b""))
+    if "MATLAB_object_decode" in entry.attrs:
+        yield name, MatlabObject(kind)
+    elif isinstance(entry, h5py.Group):
+        for key in map(_decoded, entry):
+            if not key.startswith("#"):  # there lies what cells and objects refer to
+                yield from _in_hdf5(entry[key], f"{name}.{key}".removeprefix("."))
+    elif not isinstance(entry, h5py.Dataset):
+        yield name, None
+    elif h5py.check_ref_dtype(entry.dtype) is h5py.Reference and kind in ("cell", ""):
+        struct, _, field = name.rpartition(".")
+        for number, place in enumerate(entry[()].T.ravel(order="F"), start=1):
+            own = f"{name}{{{number}}}" if kind else f"{struct}({number}).{field}"
+            yield from _in_hdf5(entry.file[place], own)
+    elif kind == "char":
+        text = b"" if "MATLAB_empty" in entry.attrs else entry[()].T.astype("<u2").tobytes()
+        yield name, text.decode("utf-16-le")
+    else:
+        values: Any = np.zeros(0) if "MATLAB_empty" in entry.attrs else entry[()].T
+        for field in values.dtype.names or ("",):
+            yield f"{name}.{field}".rstrip("."), (values[field] if field else values).squeeze()

@@ -1,0 +1,393 @@
+"""Recordings on disk: how files are read, whatever their format, and written."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pilotid.recording.arrays import NOTES, read_arrays
+from pilotid.recording.recording import ABSENT, LEAD_IN, SIGNALS, Recording, joined
+from pilotid.recording.roles import (
+    UNEVENNESS,
+    Content,
+    Signals,
+    chosen_by,
+    only,
+    places_of,
+    shown,
+    signals_of,
+)
+from pilotid.recording.table import read_table
+from pilotid.recording.windows import (
+    chosen_runs,
+    file_and_parts,
+    file_of,
+    sidecar_path,
+    span_of,
+    spanned,
+    whole_periods,
+)
+from pilotid.support.disk import path_shown, write_file
+from pilotid.support.types import FloatArray, InputError
+
+TEXTS = (".csv", ".txt", ".tsv", ".dat")
+READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz")
+WRITTEN = (".csv", ".mat", ".npz")
+SNAP = 1e-4  # relative: a rate this close to a whole number of hertz is that number
+
+
+def parse_mapping(text: str) -> dict[str, str]:
+    """The mapping in a text such as ``u=-stick,e=err``.
+
+    Parameters
+    ----------
+    text
+        Pairs of our signal name and the file's name for it; a minus before
+        the file's name flips the sign.
+
+    Raises
+    ------
+    InputError
+        For anything but such pairs, an unknown signal, or one given twice.
+    """
+    mapping: dict[str, str] = {}
+    for pair in text.split(","):
+        signal, equals, name = (part.strip() for part in pair.partition("="))
+        if not equals or signal in mapping:
+            raise InputError(
+                f"the mapping {shown(text)}: {shown(pair)} must be SIGNAL=NAME, every signal once; "
+                "write for example u=stick,e=err"
+            )
+        mapping[signal] = name
+    places_of(mapping, ())
+    return mapping
+
+
+def load_recording(
+    path: str | os.PathLike[str],
+    mapping: Mapping[str, str] | None = None,
+    dt: float | None = None,
+    *,
+    periods: bool = True,
+) -> Recording:
+    """Read a recording from a file: text, MATLAB, HDF5 or numpy.
+
+    Parameters
+    ----------
+    path
+        The file; its suffix tells the format.  A part of one is named behind it, as in
+        ``F.mat::identification``, and runs by the value of a variable, as in ``F.mat::sigma=17``.
+    mapping
+        The file's names for our signals t, e, u, x, ft, fd where they differ,
+        with a leading minus to flip the sign; by other names, extra signals.
+    dt
+        Sampling interval [s], for a file without times.
+    periods
+        Whether the window is cut to whole periods of the forcing functions where these repeat
+        themselves, and the file does not say how long its run-in is; `Recording.treatment` tells.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used; the message says where it goes wrong.
+    """
+    source = path_shown(path)
+    file, parts = file_and_parts(path)
+    pairs = [text.partition("=") for text in parts]
+    levels = {name.strip(): value.strip() for name, equals, value in pairs if equals}
+    part = ".".join(name for name, equals, _ in pairs if not equals)
+    places = places_of(mapping, ())
+    is_text = _suffix(file, source, READ) in TEXTS
+    if is_text and part:
+        raise InputError(
+            f"{source}: a table has no part {shown(part)}; choose rows by the value in a column, "
+            "as in FILE::subject=3"
+        )
+    try:
+        with np.errstate(all="ignore"):  # files may hold anything
+            if is_text:
+                content = read_table(file, source, places["t"][1], levels)
+            else:
+                content = read_arrays(file, source, part, [name for _, name in places.values()])
+            timed = dt is not None or content.notes.dt is not None
+            signals = signals_of(content, mapping, timed=timed)
+            for name, level in {} if is_text else levels.items():
+                signals = signals._replace(values=_chosen(content, signals.values, name, level))
+            recording = _assembled(content, signals, source, dt)
+    except OSError as error:
+        raise InputError(
+            f"{path_shown(error.filename or source)}: cannot be read ({error.strerror or error}); "
+            "check the file and its rights"
+        ) from error
+    return whole_periods(recording) if periods and content.notes.run_in is None else recording
+
+
+def _chosen(
+    content: Content, values: Mapping[str, FloatArray], name: str, level: str
+) -> dict[str, FloatArray]:
+    """The runs at which a variable with one value a run has the value in a text."""
+    levels: list[object] = []
+    for held in content.families[only(name, content.families, content.where)].values():
+        levels += held.ravel().tolist() if isinstance(held, np.ndarray) else [held]
+    runs = len(values["u"])
+    if len(levels) != runs:
+        raise InputError(
+            f"{content.where}: variable {shown(name)} has {len(levels)} values but there are "
+            f"{runs} runs; runs are chosen by a variable with one value a run"
+        )
+    chosen = chosen_by(levels, name, level, content.where)
+    return {s: v[chosen] if len(v) == runs else v for s, v in values.items()}
+
+
+def _assembled(content: Content, found: Signals, source: str, dt: float | None) -> Recording:
+    """The recording in what was found of a file."""
+    notes, signals, origin = content.notes, dict(found.values), dict(found.origin)
+    for name, other in (("x", "e"), ("e", "x")):
+        if name not in signals and len(signals.get("ft", ())) in (1, len(signals[other])):
+            signals[name] = signals["ft"] - signals[other]
+            origin[name] = f"ft - {other}"
+    if "x" not in signals:
+        signals["x"] = np.zeros_like(signals["u"])
+        origin["x"] = ABSENT
+    said = {who: own for who, own in (("--dt", dt), ("the note dt", notes.dt)) if own is not None}
+    interval, negative = _time_base(found.time, content.place, said, source)
+    run_in = negative if notes.run_in is None else round(notes.run_in / interval)
+    held = {"runs": (notes.runs, len(signals["u"])), "samples of run-in": (run_in, negative)}
+    for what, (own, count) in held.items():
+        if count and own not in (None, count):
+            raise InputError(
+                f"{source}: its notes say {own} {what} but it holds {count}; correct one of them"
+            )
+    own_signals: dict[str, Any] = {name: signals.pop(name, None) for name in SIGNALS}
+    return Recording(
+        dt=interval,
+        **own_signals,
+        run_in=run_in,
+        lines={name: tuple(lines) for name, lines in notes.lines.items()},
+        units={**found.units, **notes.units},
+        source=source,
+        controlled_element=notes.controlled_element,
+        origin=origin,
+        extra=signals,
+    )
+
+
+def _time_base(
+    t: FloatArray | None, where: Callable[[int], str], said: Mapping[str, float], source: str
+) -> tuple[float, int]:
+    """Sampling interval [s] and number of samples before t = 0.
+
+    They follow from the file's times, which must increase evenly, or from what is said in their
+    place, which must agree with them; a note is the more exact.
+    """
+    if t is None:
+        dt, negative, reach = next(iter(said.values())), 0, SNAP
+    else:
+        if t.size < 2:
+            raise InputError(f"{source}: holds {t.size} samples; at least 10 s are needed")
+        steps, dt = np.diff(t), float(t[-1] - t[0]) / (t.size - 1)
+        if not steps.min() > 0.0:
+            raise InputError(
+                f"{source}: the time does not increase at {where(int(np.argmin(steps > 0.0)) + 1)};"
+                " remove repeated rows, and give repeated runs a column or a run number each"
+            )
+        if not np.abs(t - np.linspace(t[0], t[-1], t.size)).max() <= UNEVENNESS * dt < np.inf:
+            usual = float(np.median(steps))
+            worst = int(np.argmax(np.abs(steps - usual)))
+            raise InputError(
+                f"{source}: the time steps by {steps[worst]:.6g} s at {where(worst + 1)} but by "
+                f"{usual:.6g} s elsewhere; resample the recording to even steps"
+            )
+        rate = float(np.rint(1.0 / np.float64(dt)))
+        dt = 1.0 / rate if abs(dt * rate - 1.0) <= SNAP else dt
+        negative = int(np.count_nonzero(t < -UNEVENNESS * dt))
+        reach = max(SNAP, 2 * UNEVENNESS / (t.size - 1))
+    for who, own in said.items():
+        if abs(own - dt) > reach * dt:
+            raise InputError(
+                f"{source}: {who} says {own:g} s but the samples are {dt:g} s apart; leave one of "
+                "the two out"
+            )
+    return said.get("the note dt", dt), negative
+
+
+def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
+    """Write a recording such that `load_recording` restores it to the bit.
+
+    Parameters
+    ----------
+    recording
+        What to write.
+    path
+        The file, .csv (a sidecar .json is written beside it), .mat or .npz.  Each is
+        complete or not there: it is written under another name and then renamed.
+
+    Raises
+    ------
+    InputError
+        If the format is unknown or the file cannot be written.
+    """
+    from pilotid.recording.sidecar import parsed
+
+    source = path_shown(path)
+    file = Path(path)
+    suffix = _suffix(file, source, WRITTEN)
+    is_csv = suffix == ".csv"
+    time = [f"{t:.12g}" for t in recording.time.tolist()]
+    t = np.array(time, dtype=float) if is_csv else recording.time
+    columns: dict[str, FloatArray] = {}
+    for name in recording.signals:
+        runs = recording.input(name)
+        same = name not in ("e", "u", "x") and all(r.tobytes() == runs[0].tobytes() for r in runs)
+        columns[name] = runs[:1] if same else runs
+    as_read, _ = _time_base(t, str, {}, source)
+    facts = {
+        "runs": recording.runs,
+        "run_in": recording.run_in * recording.dt,
+        "dt": None if as_read == recording.dt else recording.dt,
+        "units": {**recording.units},
+        "lines": {name: [*lines] for name, lines in recording.lines.items()},
+        "extra": [*recording.extra],
+        "controlled_element": recording.controlled_element,
+    }
+    notes = parsed(facts, source).model_dump(exclude_defaults=True)
+    if not is_csv:
+        stream = io.BytesIO()
+        turned = {name: runs.T for name, runs in columns.items()}
+        if suffix == ".npz":
+            everything: dict[str, Any] = {"t": t, **_flat(notes, NOTES), **turned}
+            np.savez_compressed(stream, **everything)
+        else:
+            from scipy.io import savemat  # heavy, and the others do not need it
+
+            savemat(stream, {"t": t[:, np.newaxis], NOTES: notes, **turned})  # type: ignore[arg-type]
+        write_file(file, stream.getvalue())
+        return
+    cells = [["t", *time]]
+    for name, runs in columns.items():
+        for run, samples in enumerate(runs.tolist(), start=1):  # repr restores every bit
+            cells.append([f"{name}_{run}" if len(runs) > 1 else name, *map(repr, samples)])
+    text = "".join(",".join(row) + "\n" for row in zip(*cells, strict=True))
+    write_file(file, text.encode())
+    write_file(sidecar_path(file), f"{json.dumps(notes, indent=2, ensure_ascii=False)}\n".encode())
+
+
+def _flat(notes: Mapping[str, Any], path: str) -> dict[str, Any]:
+    """Entries of nested notes by their dotted paths."""
+    found: dict[str, Any] = {}
+    for key, entry in notes.items():
+        own = f"{path}.{key}"
+        found |= _flat(entry, own) if isinstance(entry, dict) else {own: entry}
+    return found
+
+
+def _suffix(file: Path, source: str, known: Collection[str]) -> str:
+    suffix = file.suffix.lower()
+    others = "" if known == WRITTEN else f", or one of {' '.join(READ[1:])}"
+    if suffix not in known:
+        raise InputError(
+            f"{source}: a recording must be a .csv or a .mat file{others}; convert it to one"
+        )
+    return suffix
+
+
+def read_with(files: Sequence[Path]) -> list[Path]:
+    """Recordings, and the files beside them that belong to them."""
+    real = [file for file in map(file_of, files) if file.name]
+    beside = ((file, sidecar_path(file), file.with_suffix(".truth.json")) for file in real)
+    return [path for own in beside for path in own]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How files are read.
+
+    Attributes
+    ----------
+    mapping
+        Texts such as ``u=stick,e=err``.
+    dt
+        Sampling interval of files without times [s].
+    detrend
+        Whether a straight line is taken out of the control.
+    lead_in
+        See `Recording.lead_in`.
+    runs, span
+        Texts such as ``2-5`` and ``0:41``, empty for all of a recording.
+    """
+
+    mapping: tuple[str, ...] = ()
+    dt: float | None = None
+    detrend: bool = False
+    lead_in: float = LEAD_IN
+    runs: str = ""
+    span: str = ""
+
+    @property
+    def names(self) -> dict[str, str] | None:
+        """The file's names by our signals; None for our own."""
+        return parse_mapping(",".join(self.mapping)) if self.mapping else None
+
+    def one(self, file: Path) -> Recording:
+        """The recording in a file."""
+        if self.dt is not None and not 0.0 < self.dt < 1.0:
+            raise InputError(f"--dt {self.dt:g}: give seconds between samples, as in --dt 0.01")
+        recording = load_recording(file, self.names, self.dt, periods=not self.span)
+        recording = replace(recording, lead_in=self.lead_in)
+        if self.span:
+            recording = spanned(recording, *span_of(self.span))
+        return detrended(recording) if self.detrend else recording
+
+    def all(self, files: Sequence[Path], *, joint: bool) -> tuple[list[Recording], list[str]]:
+        """The recordings in files, as one if they are runs of one, and why others are refused.
+
+        One bad file of several does not cost the others; where none is good, or all are runs of
+        one recording, there is nothing to go on with.
+        """
+        recordings, refused = [], []
+        together = joint and len(files) > 1
+        for file in files:
+            try:
+                recording = self.one(file)
+                if self.runs and not together:
+                    recording = chosen_runs(recording, self.runs)
+                recordings.append(recording)
+            except InputError as error:
+                if joint or len(files) == 1:
+                    raise
+                refused.append(str(error))
+        if not recordings:
+            raise InputError("; ".join(refused))
+        if together:
+            whole = joined(recordings)
+            recordings = [chosen_runs(whole, self.runs) if self.runs else whole]
+        return recordings, refused
+
+
+def detrended(recording: Recording) -> Recording:
+    """The recording with a straight line taken out of the control of each run.
+
+    The line is that of least squares over the measurement window.  It takes with it what the
+    pilot himself did so slowly; `Recording.treatment` tells what was taken.
+    """
+    time = recording.time
+    inside = time[recording.run_in :]
+    window = recording.window(recording.u)
+    centred = inside - inside.mean()
+    slope = (window @ centred) / float(centred @ centred)
+    mean = window.mean(axis=1)
+    line = mean[:, None] + slope[:, None] * (time - inside.mean())
+    gained = ", ".join(f"{s * recording.duration:.3g}" for s in slope)
+    where = "run" if recording.runs == 1 else "runs"
+    words = (
+        f"a straight line was taken out of u, which gained {gained} over the {where} and was "
+        f"{', '.join(f'{m:.3g}' for m in mean)} in the mean"
+    )
+    return replace(recording, u=recording.u - line, treatment=(*recording.treatment, words))

@@ -1,0 +1,121 @@
+"""What a file says of its recording beside the signals: F.json, the struct pilotid, comments."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from pilotid.recording.recording import SIGNALS
+from pilotid.recording.windows import sidecar_path
+from pilotid.support.disk import path_shown, require_file
+from pilotid.support.types import InputError
+
+LARGEST_FILE = 2**22  # bytes
+#: MATLAB has no whole numbers of its own, and no lists of one.
+Count = Annotated[
+    int,
+    BeforeValidator(lambda n: int(n) if isinstance(n, float) and n.is_integer() else n),
+    Field(ge=1, lt=10**15),
+]
+Listed = BeforeValidator(lambda value: value if isinstance(value, list) else [value])
+
+
+class Sidecar(BaseModel):
+    """The facts; what is not said is None or empty.
+
+    Attributes
+    ----------
+    runs, run_in, dt
+        Number of runs, length of the run-in [s], sampling interval [s].
+    units, lines, controlled_element
+        As in `Recording`.
+    extra
+        Names of extra signals that the file holds by these names.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+    runs: Count | None = None
+    run_in: Annotated[float, Field(ge=0, lt=1e9)] | None = None
+    dt: Annotated[float, Field(ge=1e-6, le=100)] | None = None
+    units: dict[str, str] = {}
+    lines: dict[Literal["ft", "fd"], Annotated[list[Count], Listed]] = {}
+    extra: Annotated[list[str], Listed] = []
+    controlled_element: str = ""
+
+
+def parsed(raw: object, where: str) -> Sidecar:
+    """The facts in JSON text, or in plain objects.
+
+    Parameters
+    ----------
+    raw
+        Bytes of JSON, or a mapping.
+    where
+        Where they stand, for messages.
+
+    Raises
+    ------
+    InputError
+        For an unknown key or a value of the wrong kind; of broken JSON with the line.
+    """
+    try:
+        if isinstance(raw, bytes):
+            found = Sidecar.model_validate_json(raw.removeprefix(codecs.BOM_UTF8))
+        else:
+            found = Sidecar.model_validate(raw)
+    except ValidationError as error:
+        wrong = error.errors()[0]
+        place = ".".join(map(str, wrong["loc"])) or "all of it"
+        raise InputError(
+            f"{where}: {place[:50]}: {wrong['msg']}; correct it or leave it out (the keys are "
+            f"{', '.join(Sidecar.model_fields)}; rename the file if it is no description of a "
+            "recording)"
+        ) from None
+    if unknown := found.units.keys() - {*SIGNALS, *found.extra}:
+        raise InputError(
+            f"{where}: units: {min(unknown)[:50]!r} is neither a signal nor named under extra; "
+            "correct it or leave it out"
+        )
+    return found
+
+
+def read_sidecar(file: Path, comments: Iterable[str] = (), *, timed: bool = False) -> Sidecar:
+    """The facts beside a file, and those in comments such as ``dt: 0.01`` that it does not give.
+
+    Parameters
+    ----------
+    file
+        The file of signals.
+    comments
+        Those in it.  They are for people: what is not understood is left aside.
+    timed
+        Whether it holds times, which count for more than a comment.
+
+    Raises
+    ------
+    InputError
+        If the sidecar cannot be used.
+    """
+    unread = {"runs", "extra"} | ({"dt"} if timed else set())
+    facts: dict[str, Any] = {}
+    for comment in comments:
+        match = re.fullmatch(r"\W*(\w+)\s*[:=]\s*(.*\S)\s*", comment)
+        key = match[1].casefold() if match else ""
+        if match and key in Sidecar.model_fields.keys() - facts.keys() - unread:
+            value = re.sub(r"(?<=[0-9])\s*(s|sec|seconds)$", "", match[2])
+            for text in (value, f'"{value}"'):
+                with suppress(InputError):
+                    facts |= parsed(f'{{"{key}": {text}}}'.encode(), "").model_dump(
+                        exclude_unset=True
+                    )
+    path = sidecar_path(file)
+    if path.exists():
+        require_file(path, LARGEST_FILE)
+        facts |= parsed(path.read_bytes(), path_shown(path)).model_dump(exclude_unset=True)
+    return Sidecar(**facts)

@@ -1,0 +1,371 @@
+"""Spectra of a recording: forcing lines, what signals hold there, and the recorder's floors.
+
+A recorder adds noise and rounding, whose spectrum is flat: a floor, which shows near half the
+sampling rate, where nobody moves a stick.  A frequency at which an input of the pilot is little
+above its floor tells little of the pilot, and what it tells is wrong: the inputs are taken for
+exact.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pilotid.recording.recording import Recording, remembered
+from pilotid.support.types import ComplexArray, FloatArray, IntArray
+
+#: A bin is a line if its amplitude is at least this share of the largest one.
+SMALLEST = 1e-3
+SAME = 0.02  # e + x below this share of e is no target
+#: A multisine leaves most of the bins between its first and last line to the remnant.
+CROWDED = 0.34
+#: A run has a line if its amplitude is at least this share of the root mean square over the runs.
+ABSENT_LINE = 0.05
+ALIKE = 0.1  # share in which a line of both functions may go together over the runs
+FEWEST = 5  # lines of a target that tell which signal is which
+MEDIAN = 0.64  # of the power of eight bins of noise less their own median, over its mean
+BESIDE = 8  # bins beside a line that tell leakage and noise in it
+LOUD = 4.0  # times the noise from which a line of one run stands out
+#: Shares of half the sampling rate between which the floor is measured.
+FLOOR_FROM, FLOOR_TO = 0.6, 0.95
+#: Half the width of the running median that smooths a spectrum [rad/s]; a line of a forcing
+#: function is one bin of many there, and does not count.
+HALF_WIDTH = 0.75
+#: Multiple of the floor that is taken off a spectrum.  The floor is known from few bins, and a
+#: share of signal that is taken too large does more harm than one too small.
+SAFE = 1.5
+
+
+class NotMultisineError(Exception):
+    """A forcing function is no multisine with a whole number of periods; says what it is."""
+
+
+@remembered
+def forcing_lines(recording: Recording) -> dict[str, IntArray]:
+    """Lines of the forcing functions, as multiples of 2 pi / T of the measurement window.
+
+    They are those that the recording names, or else the bins that hold power.
+
+    Returns
+    -------
+    Ascending lines by signal, ``ft`` and ``fd``, without those that do not force.
+
+    Raises
+    ------
+    NotMultisineError
+        If a forcing function is not periodic in the window, or no sum of a few sines.
+    """
+    each = {name: lines_of(recording, name) for name in ("ft", "fd")}
+    return {name: lines for name, lines in each.items() if lines.size}
+
+
+@remembered
+def known_lines(recording: Recording) -> dict[str, IntArray]:
+    """`forcing_lines`, none where a forcing function is no multisine."""
+    try:
+        return forcing_lines(recording)
+    except NotMultisineError:
+        return {}
+
+
+def _has_lines(recording: Recording, name: str) -> bool:
+    """Whether a forcing function is a sum of a few sines."""
+    try:
+        return lines_of(recording, name).size > 0
+    except NotMultisineError:
+        return False
+
+
+def lines_of(recording: Recording, name: str) -> IntArray:
+    """The lines of one forcing function, see `forcing_lines`; none if it does not force."""
+    given, forcing = recording.lines.get(name), getattr(recording, name)
+    if given:
+        lines = np.unique(np.array(given, dtype=int))
+        if lines[0] < 1 or lines[-1] >= recording.samples / 2:
+            raise NotMultisineError(
+                f"the lines of {name} must lie between 1 and half the number of samples"
+            )
+        return lines
+    if forcing is None:
+        return np.zeros(0, dtype=int)
+    signal = recording.window(forcing)
+    power = np.mean(np.abs(np.fft.rfft(signal)[:, 1:-1]) ** 2, axis=0)
+    # A constant leaves rounding errors.
+    if power.max() <= (1e-12 * signal.shape[1] * np.max(np.abs(signal), initial=0.0)) ** 2:
+        return np.zeros(0, dtype=int)
+    lines = 1 + np.flatnonzero(power >= SMALLEST**2 * power.max())
+    rest = power.sum() - power[lines - 1].sum()
+    if lines.size > max(2.0, CROWDED * lines[-1]) or rest > 1e-3 * power.sum():
+        raise NotMultisineError(
+            f"{name} is no multisine with whole periods in the measurement window: "
+            f"{lines.size} of the {lines[-1]} bins up to its highest hold power"
+        )
+    return lines
+
+
+def coefficients_at(recording: Recording, name: str, lines: IntArray) -> ComplexArray | None:
+    """Transform of a forcing function at its lines in each run, shape (runs, lines).
+
+    Zero where a run does not have the line; None where the function was not recorded.
+    """
+    forcing = getattr(recording, name)
+    if forcing is None:
+        return None
+    found = np.fft.rfft(recording.window(forcing))[:, lines]
+    size = np.abs(found)
+    return np.where(size < ABSENT_LINE * np.sqrt(np.mean(size**2, axis=0)), 0.0, found)
+
+
+@remembered
+def same_lines(recording: Recording) -> tuple[tuple[int, ...], ...]:
+    """Runs, from 0, whose forcing functions have the same lines, in the order of the first ones.
+
+    All runs are together where forcing functions are no multisines.
+    """
+    every = known_lines(recording)
+    groups: dict[bytes, list[int]] = {}
+    each = [coefficients_at(recording, name, lines) for name, lines in every.items()]
+    having = [own != 0.0 for own in each if own is not None]
+    for run in range(recording.runs):
+        key = b"".join(own[run].tobytes() for own in having)
+        groups.setdefault(key, []).append(run)
+    return tuple(map(tuple, groups.values()))
+
+
+@remembered
+def told_apart(recording: Recording) -> bool:
+    """Whether answers to target and disturbance differ at every line that both have.
+
+    They do where no run has the line in both, and where phases or signs between runs differ.
+    """
+    every = forcing_lines(recording)
+    if len(every) < 2:
+        return True
+    common = np.intersect1d(every["ft"], every["fd"])
+    target, disturbance = (coefficients_at(recording, name, common) for name in ("ft", "fd"))
+    if not common.size:
+        return True
+    if target is None or disturbance is None:
+        return False
+    size = np.linalg.norm(target, axis=0) * np.linalg.norm(disturbance, axis=0)
+    shared = np.abs(np.sum(target * disturbance.conj(), axis=0))
+    return bool(np.all(shared <= ALIKE * size))
+
+
+def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:
+    """The forcing functions as sums of sines, plain objects by signal.
+
+    Amplitudes are root mean squares over the runs, phases at the start of the window those of the
+    first; ``alternating`` says whether every other run has the other sign.  A target that was not
+    recorded is e + x.  Runs with different lines have no functions in common: there are none.
+
+    Raises
+    ------
+    NotMultisineError
+        If a forcing function is not periodic in the window, or no sum of a few sines.
+    """
+    target = recording.input("ft")
+    quiet = float(np.std(target)) <= SAME * float(np.std(recording.e))
+    if recording.ft is None and not quiet:
+        recording = replace(recording, ft=target)
+    found: dict[str, dict[str, object]] = {}
+    every = forcing_lines(recording)
+    for name, lines in every.items() if len(same_lines(recording)) == 1 else ():
+        signal = getattr(recording, name)
+        if signal is None:
+            continue
+        phasors = 2j * np.fft.rfft(recording.window(signal))[:, lines] / recording.samples
+        turned = (phasors @ phasors[0].conj()).real < 0.0
+        found[name] = {
+            "lines": lines.tolist(),
+            "amplitudes": np.sqrt(np.mean(np.abs(phasors) ** 2, axis=0)).tolist(),
+            "phases": np.angle(phasors[0]).tolist(),
+            "period": recording.duration,
+            "alternating": bool(turned.any() and (turned == np.arange(turned.size) % 2).all()),
+        }
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The control at the lines of one forcing function.
+
+    Attributes
+    ----------
+    lines
+        Multiples of 2 pi / T, shape (lines,).
+    coherence
+        Share of the control's power there that is not noise, shape (lines,).
+    ratios
+        Power there over that of the noise, shape (lines,).
+    runs
+        Of how many runs powers are means.
+    """
+
+    lines: IntArray
+    coherence: FloatArray
+    ratios: FloatArray
+    runs: int
+
+    @property
+    def strength(self) -> float:
+        """By how much the mean ratio exceeds 1, in units of its scatter without an answer."""
+        return float((np.mean(self.ratios) - 1.0) * np.sqrt(self.runs * self.ratios.size))
+
+    @property
+    def loud(self) -> int:
+        """Number of lines that stand out of the noise."""
+        loud = 1.0 + (LOUD - 1.0) / np.sqrt(self.runs)  # chance scatters less in a mean of runs
+        return int(np.count_nonzero(self.coherence > 1.0 - 1.0 / loud))
+
+
+def answers(recording: Recording) -> dict[str, Answer]:
+    """How the control answers to each forcing function that is a multisine, by its name."""
+    every, found = known_lines(recording), {}
+    for name, lines in every.items():
+        control, beside = _beside(recording, recording.u, lines, every)
+        # Medians: lines of a forcing function that was not recorded may lie among them.
+        leaked = np.median(beside.real, axis=2) + 1j * np.median(beside.imag, axis=2)
+        noise = np.mean(np.median(np.abs(beside - leaked[..., None]) ** 2, axis=2), axis=0) / MEDIAN
+        noise += 1e-12 * np.max(np.abs(control)) ** 2
+        ratio = np.mean(np.abs(control - leaked) ** 2, axis=0) / noise
+        found[name] = Answer(lines, 1.0 - 1.0 / np.maximum(ratio, 1.0), ratio, recording.runs)
+    return found
+
+
+def target_lines(recording: Recording) -> dict[str, IntArray] | None:
+    """Lines of the forcing functions, None where the target's are too few to tell anything."""
+    lines = known_lines(recording)
+    return lines if "ft" in lines and lines["ft"].size >= FEWEST else None
+
+
+def at_lines(
+    recording: Recording, signal: FloatArray, lines: IntArray, every: dict[str, IntArray]
+) -> tuple[ComplexArray, FloatArray]:
+    """Transforms of a signal at lines, shape (runs, lines), and the power of the noise there.
+
+    What transients leak is smooth in frequency, so that the bins beside a line tell it.
+    """
+    values, beside = _beside(recording, signal, lines, every)
+    noise = np.mean(np.var(beside, axis=2), axis=0) + 1e-12 * np.max(np.abs(values)) ** 2
+    return values - beside.mean(axis=2), noise
+
+
+def _beside(
+    recording: Recording, signal: FloatArray, lines: IntArray, every: dict[str, IntArray]
+) -> tuple[ComplexArray, ComplexArray]:
+    """Transforms at lines, shape (runs, lines), and at the bins beside each, a third axis."""
+    spectrum = np.fft.rfft(recording.window(signal))
+    free = np.ones(spectrum.shape[1], dtype=bool)
+    free[np.concatenate([[0], *every.values()])] = False
+    between = np.flatnonzero(free)
+    # The nearest are among so many on either side.
+    first = np.searchsorted(between, lines) - BESIDE
+    first = np.clip(first, 0, max(0, between.size - 2 * BESIDE))
+    around = between[first[:, None] + np.arange(min(2 * BESIDE, between.size))]
+    order = np.argsort(np.abs(around - lines[:, None]), axis=1, kind="stable")[:, :BESIDE]
+    return spectrum[:, lines], spectrum[:, np.take_along_axis(around, order, axis=1)]
+
+
+@dataclass(frozen=True, eq=False)
+class Floors:
+    """Spectra of signals, and the floors of the recorder.
+
+    Attributes
+    ----------
+    omega
+        Frequencies [rad/s], shape (n,).
+    power
+        Smoothed power density by signal, the unit of the signal squared per rad/s, shape (n,).
+    floor
+        The recorder's, of the same unit, by signal.
+    variance
+        Mean over runs, by signal.
+    """
+
+    omega: FloatArray
+    power: dict[str, FloatArray]
+    floor: dict[str, float]
+    variance: dict[str, float]
+
+    def share(self, names: tuple[str, ...]) -> FloatArray:
+        """Share of the power of signals that is not the recorder's, of the worst, shape (n,).
+
+        It falls with frequency from where it is largest: what follows a floor is no signal.
+        """
+        share = np.ones(self.omega.size)
+        for name in names:
+            above = 1.0 - SAFE * self.floor[name] / np.maximum(self.power[name], 1e-300)
+            share = np.minimum(share, np.clip(above, 0.0, 1.0))
+        largest = int(np.argmax(share))
+        share[largest:] = np.minimum.accumulate(share[largest:])
+        return share
+
+    def usable(self, names: tuple[str, ...]) -> float:
+        """Frequency up to which half of the power of signals is not the recorder's [rad/s]."""
+        above = self.omega[self.share(names) >= 0.5]
+        return float(above[-1] if above.size else self.omega[0])
+
+
+@remembered
+def floors_of(recording: Recording) -> Floors:
+    """Spectra and floors of the signals that pilots act on, and of the control."""
+    nyquist = math.pi / recording.dt
+    signals = {name: recording.input(name) for name in ("e", "x", "ft", "u", *recording.extra)}
+    power, floor = {}, {}
+    for name, signal in signals.items():
+        density, step = periodogram(signal, recording.dt)
+        omega, power[name] = running_median(density, step)
+        top = slice(int(FLOOR_FROM * nyquist / step) + 1, int(FLOOR_TO * nyquist / step) + 1)
+        floor[name] = float(density[:, top].mean())
+    if recording.ft is not None:  # a target that steps has all frequencies, and is no noise
+        own = periodogram(recording.e - recording.ft, recording.dt)[0][:, top]
+        floor["e"] = min(floor["e"], float(own.mean()))
+    if _has_lines(recording, "ft"):  # what lies between them is no noise, and no signal either
+        floor["ft"] = 0.0
+    variance = {name: float(np.mean(np.var(own, axis=1))) for name, own in signals.items()}
+    return Floors(omega, power, floor, variance)
+
+
+def periodogram(signals: FloatArray, dt: float) -> tuple[FloatArray, float]:
+    """Power densities of signals (runs, samples) behind a Blackman-Harris window.
+
+    Returns
+    -------
+    Densities, shape (runs, bins), and the distance of bins [rad/s].
+    """
+    samples = signals.shape[1]
+    turn = 2.0 * np.pi * np.arange(samples) / samples
+    window = 0.35875 - 0.48829 * np.cos(turn) + 0.14128 * np.cos(2 * turn)
+    window -= 0.01168 * np.cos(3 * turn)
+    window *= math.sqrt(dt / np.pi / float(window @ window))
+    centred = signals - signals.mean(axis=1, keepdims=True)
+    spectra: ComplexArray = np.fft.rfft(window * centred)
+    return np.abs(spectra) ** 2, 2.0 * math.pi / (samples * dt)
+
+
+def running_median(density: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
+    """Smoothed densities of all runs.
+
+    The median of a periodogram of noise is ln 2 of its mean.
+
+    Parameters
+    ----------
+    density
+        Periodograms, shape (runs, bins).
+    step
+        Distance of bins [rad/s].
+
+    Returns
+    -------
+    Frequencies [rad/s] and densities there, shape (n,).
+    """
+    reach = max(2, int(HALF_WIDTH / step))
+    count = density.shape[1] // reach
+    blocks = density[:, : count * reach].reshape(len(density), count, reach)
+    pairs = np.concatenate([blocks[:, :-1], blocks[:, 1:]], axis=2)
+    medians = np.median(pairs.transpose(1, 0, 2).reshape(count - 1, -1), axis=1)
+    omega = (np.arange(1, count) * reach - 0.5) * step
+    return omega, medians / math.log(2.0)

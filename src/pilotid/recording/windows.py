@@ -1,0 +1,219 @@
+"""Parts of recordings: whole periods of the forcing functions, spans and runs that users choose.
+
+A laboratory fades its forcing functions in, waits, or stops a little late.  Where a forcing
+function repeats itself exactly, the window that holds whole periods of it is known.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pilotid.recording.recording import SHORTEST, Recording
+from pilotid.recording.spectra import FEWEST, NotMultisineError, forcing_lines
+from pilotid.support.remarks import Remark
+from pilotid.support.types import FloatArray, InputError
+
+SHORTEST_PERIOD = 4.0  # seconds
+REPEATED = 2.0  # seconds that must come again
+EXACT = 0.01  # root mean squares by which a repetition may differ
+ALIKE = 0.6  # of the squares of two stretches is their difference, where a period is looked for
+CANDIDATES = 12
+NEAR = 3  # samples about each
+
+
+def whole_periods(recording: Recording) -> Recording:
+    """A recording whose window is cut to whole periods of its forcing functions.
+
+    It stays as it is where the window holds whole periods already, and where no forcing function
+    is known, or none repeats itself exactly and is a sum of sines then.
+    """
+    try:
+        forcing_lines(recording)
+        return recording
+    except NotMultisineError:
+        found = _periods(recording)
+    if found is None:
+        return recording
+    first, period, count = found
+    start, end = first * recording.dt, (first + count * period) * recording.dt
+    words = (
+        f"{count} periods" if count > 1 else "one period"
+    ) + f" of {period * recording.dt:.4g} s of the forcing functions"
+    note = Remark(
+        "whole-periods",
+        f"the window is {start:.4g} to {end:.4g} s of {recording.duration:.4g} s: {words}; what "
+        "lies before is run-in (--span chooses another)",
+    )
+    try:
+        cut = recording.cut(start, end)
+        if sum(lines.size for lines in forcing_lines(cut).values()) < FEWEST:
+            return recording
+    except (NotMultisineError, InputError, ValueError):
+        return recording
+    return replace(cut, source=recording.source, treatment=(*recording.treatment, note))
+
+
+def _periods(recording: Recording) -> tuple[int, int, int] | None:
+    """First sample, samples of a period and number of periods; None if nothing repeats itself."""
+    signals = _moving(recording)
+    samples = recording.samples
+    shortest, repeated = (round(t / recording.dt) for t in (SHORTEST_PERIOD, REPEATED))
+    if not len(signals) or samples < shortest + repeated:
+        return None
+    best: tuple[int, int, int, int] | None = None
+    for place in _candidates(signals, shortest, samples - repeated):
+        # A ramp moves the delay of the best likeness by a sample.
+        near = range(max(shortest, place - NEAR), min(samples - repeated, place + NEAR) + 1)
+        (first, length), period = max(
+            ((_repeated(signals, delay), delay) for delay in near), key=lambda own: own[0][1]
+        )
+        count = (length + period) // period
+        if length < repeated or count * period * recording.dt < SHORTEST:
+            continue
+        if best is None or (count * period, -period) > best[:2]:
+            # The excess goes before the window, down to a whole second.
+            latest = first + length + period - count * period
+            second = round(math.floor(latest * recording.dt) / recording.dt)
+            best = (count * period, -period, second if second >= first else latest, count)
+    return None if best is None else (best[2], -best[1], best[3])
+
+
+def _moving(recording: Recording) -> FloatArray:
+    """The different forcing functions that move, of unit size, shape (functions, samples)."""
+    rows = [
+        row
+        for name in ("ft", "fd")
+        if (signal := getattr(recording, name)) is not None
+        for row in np.unique(recording.window(signal), axis=0)
+    ]
+    sizes = [float(np.std(row)) for row in rows]
+    largest = max(sizes, default=0.0)
+    moving = [r / s for r, s in zip(rows, sizes, strict=True) if s > 1e-9 * largest]
+    return np.array(moving).reshape(len(moving), recording.samples)
+
+
+def _candidates(signals: FloatArray, shortest: int, longest: int) -> list[int]:
+    """Delays after which signals are most like themselves, the most alike first."""
+    samples = signals.shape[1]
+    spectra = np.fft.rfft(signals, 2 * samples)
+    products = np.fft.irfft(np.abs(spectra) ** 2, 2 * samples)[:, :samples].sum(axis=0)
+    squares = np.concatenate([[0.0], np.cumsum((signals**2).sum(axis=0))])
+    delays = np.arange(samples)
+    total = squares[samples - delays] + squares[-1] - squares[delays]
+    unlike = 1.0 - 2.0 * products / np.maximum(total, 1e-300)
+    inner = unlike[1:-1]
+    lowest = (inner <= unlike[:-2]) & (inner <= unlike[2:]) & (inner < ALIKE)
+    places = 1 + np.flatnonzero(lowest)
+    places = places[(places >= shortest) & (places <= longest)]
+    return [int(p) for p in places[np.argsort(unlike[places], kind="stable")][:CANDIDATES]]
+
+
+def _repeated(signals: FloatArray, delay: int) -> tuple[int, int]:
+    """Where the longest stretch begins that comes again after a delay, and its length."""
+    good = np.abs(signals[:, delay:] - signals[:, :-delay]).max(axis=0) <= EXACT
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
+    if not edges.size:
+        return 0, 0
+    lengths = edges[1::2] - edges[::2]
+    longest = int(np.argmax(lengths))
+    return int(edges[2 * longest]), int(lengths[longest])
+
+
+def spanned(recording: Recording, start: float, end: float) -> Recording:
+    """A span of the window, see `Recording.cut`, and a note where it is short for its lines."""
+    part = recording.cut(start, end)
+    try:
+        whole = whole_periods(recording)
+        lines = [own[0] for own in forcing_lines(whole).values()]
+    except NotMultisineError:
+        return part
+    slowest = whole.duration / min(lines) if lines else 0.0
+    if part.duration >= slowest * (1.0 - 1e-9):
+        return part
+    note = Remark(
+        "short-span",
+        f"the span of {part.duration:.4g} s is shorter than one period of the slowest line of the "
+        f"forcing functions ({slowest:.4g} s): what pilots do that slowly is not known from it",
+    )
+    return replace(part, treatment=(*part.treatment, note))
+
+
+#: What stands between a file and the part of it that is meant.
+INSIDE = "::"
+
+
+def file_and_parts(path: str | os.PathLike[str]) -> tuple[Path, list[str]]:
+    """The file of a path such as ``F.mat::identification``, and the names of the part."""
+    whole = Path(path)
+    file, *parts = str(path).split(INSIDE)
+    named = file and parts and not os.path.exists(whole)
+    return (Path(file), parts) if named else (whole, [])
+
+
+def file_of(path: str | os.PathLike[str]) -> Path:
+    """The file of a path such as ``F.mat::identification``."""
+    return file_and_parts(path)[0]
+
+
+def sidecar_path(path: Path) -> Path:
+    """The notes beside a file: F.json for F.csv."""
+    return path.with_suffix(".json")
+
+
+def stem_of(path: str | os.PathLike[str]) -> str:
+    """The name of a recording: that of its file without the suffix, and of the part."""
+    file, parts = file_and_parts(path)
+    return INSIDE.join([file.stem, *parts])
+
+
+def of_runs(recording: Recording, runs: Sequence[int], words: str) -> Recording:
+    """Some runs of a recording, counted from 1."""
+    rows = [run - 1 for run in runs]
+    some = {name: signal[rows] for name, signal in recording.arrays.items()}
+    return recording.with_arrays(some, source=f"{recording.source}, {words}")
+
+
+def chosen_runs(recording: Recording, text: str) -> Recording:
+    """The runs of a text such as ``2-5`` or ``1,3``.
+
+    Raises
+    ------
+    InputError
+        If the text is none, or names runs that there are not.
+    """
+    runs: list[int] = []
+    for part in text.split(","):
+        found = re.fullmatch(r"\s*(\d+)\s*(?:-\s*(\d+)\s*)?", part, re.ASCII)
+        first, last = (int(found[1]), int(found[2] or found[1])) if found else (1, 0)
+        if not 1 <= first <= last:
+            raise InputError(f"--runs {text}: '{part}' names no runs; write for example 2-5 or 1,3")
+        if last > recording.runs:
+            raise InputError(
+                f"--runs {text}: {recording.source} has no run {last}; it has {recording.runs}"
+            )
+        runs += range(first, last + 1)
+    return of_runs(recording, list(dict.fromkeys(runs)), f"runs {text}")
+
+
+def span_of(text: str) -> tuple[float, float]:
+    """Start and end [s] in a text such as ``0:41``.
+
+    Raises
+    ------
+    InputError
+        If it is no span, or an empty one.
+    """
+    try:
+        start, end = (float(part) for part in text.split(":"))
+    except ValueError:
+        start = end = 0.0
+    if not 0.0 <= start < end < float("inf"):
+        raise InputError(f"--span {text}: must be START:END in seconds of the window, as in 0:41")
+    return start, end
