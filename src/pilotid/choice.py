@@ -253,7 +253,7 @@ def _with_terms(found: Optimum, terms: tuple[float, ...]) -> Optimum:
     if prediction.terms == terms:
         return found
     joint = Likelihood(replace(prediction, terms=terms), noise)
-    return replace(found, joint=joint).moved(found.values)
+    return replace(found, joint=joint).restarted_at(found.values)
 
 
 def _judged(recording: Recording, found: Optimum, scored: int) -> Candidate:
