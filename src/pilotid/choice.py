@@ -24,9 +24,9 @@ from pilotid.checks.checks import motionless
 from pilotid.estimate.applicability import lines_objection, made_for, motionless_input
 from pilotid.estimate.estimate import at_bounds, bounds_reached
 from pilotid.likelihood.constancy import changes, constancy
+from pilotid.likelihood.estimates import simulated_vaf
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum
-from pilotid.likelihood.output_error import simulated_vaf
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.likelihood.settings import LikelihoodSettings
 from pilotid.model.catalogue import MODELS, with_held
@@ -242,7 +242,9 @@ def by_likelihood(
         found = maximise_likelihood(recording, model, fit_rng(seed, model.name), settings)
         settings = replace(settings, noise=found.joint.noise)
         maxima.append(found)
-    terms = tuple(sorted({term for found in maxima for term in found.joint.prediction.terms}))
+    terms = tuple(
+        sorted({term for found in maxima for term in found.joint.prediction.nuisance_poles})
+    )
     scored = min(found.joint.prediction.scored for found in maxima)
     return [_judged(recording, _with_terms(found, terms), scored) for found in maxima]
 
@@ -250,9 +252,9 @@ def by_likelihood(
 def _with_terms(found: Optimum, terms: tuple[float, ...]) -> Optimum:
     """The optimum with these nuisance terms."""
     prediction, noise = found.joint.prediction, found.joint.noise
-    if prediction.terms == terms:
+    if prediction.nuisance_poles == terms:
         return found
-    joint = Likelihood(replace(prediction, terms=terms), noise)
+    joint = Likelihood(replace(prediction, nuisance_poles=terms), noise)
     return replace(found, joint=joint).restarted_at(found.values)
 
 
@@ -301,7 +303,7 @@ def _left_out(joint: Likelihood, values: FloatArray, run: int) -> tuple[float, f
     variance /= others.residuals - len(values)
     alone = Likelihood(prediction.of_runs([run]), joint.noise)
     likelihood = alone.log_likelihood(end.values[0], variance)
-    residual = alone.prediction.errors(end.values[0, : joint.pilot])
+    residual = alone.prediction.errors(end.values[0, : joint.pilot_count])
     share = float(np.var(residual)) / float(np.var(alone.prediction.control))
     return likelihood, 100.0 * max(0.0, 1.0 - share)
 
@@ -427,7 +429,7 @@ def choose_model(recordings: Sequence[Sequence[Candidate]]) -> Choice:
 
 
 class _Judged:
-    """Candidates on the recordings of one condition: what each leaves above the best."""
+    """PilotCheck on the recordings of one condition: what each leaves above the best."""
 
     def __init__(self, recordings: Sequence[Sequence[Candidate]]) -> None:
         names = [c.model for c in recordings[0]]

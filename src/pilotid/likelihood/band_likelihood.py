@@ -79,7 +79,7 @@ class Weighting:
         gain = np.abs(self.element.response(np.array([edge, 2.0 * edge])))
         return bool(gain[1] >= 0.7 * gain[0])  # 1 of a gain, .5 of an integrator
 
-    def terms(self, dt: float, scored: int, runs: int, poles: tuple[float, ...]) -> BandTerms:
+    def band_terms(self, dt: float, scored: int, runs: int, poles: tuple[float, ...]) -> BandTerms:
         """The weights of the bins of a window.
 
         Parameters

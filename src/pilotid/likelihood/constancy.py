@@ -215,7 +215,7 @@ def score_of_changes(
     if inverse is None:
         return []
     variance = float(errors @ errors) / (errors.size - len(size))
-    # In units of what the whole tells; what comes after a time alone, nothing can speak against.
+    # Directions that one part of the recording alone tells of cannot be tested, and are dropped.
     root = np.linalg.cholesky(inverse[np.ix_(varying, varying)])
     found = []
     for place, tail in zip(places, tails, strict=True):

@@ -26,10 +26,9 @@ from pilotid.likelihood.prepare import (
     Band,
     decimation,
     lowpass,
-    prediction_error_filters,
     prepare,
 )
-from pilotid.likelihood.remnant_models import Whitener, best_noise_model
+from pilotid.likelihood.remnant_models import Whitener, best_noise_model, filter_of
 from pilotid.likelihood.settings import LikelihoodSettings
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
@@ -80,18 +79,17 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
     estimate
         An estimate with values.
     """
-    remnant, factor = estimate.remnant, decimation(recording.dt, LikelihoodSettings.band)
-    if remnant is not None:  # up to the last frequency at which its density is known
-        factor = max(1, round(float(Band(recording.dt, 1).omega[-1] / remnant.omega[-1])))
-    band = Band(recording.dt, factor)
+    remnant = estimate.remnant
+    if remnant is not None:
+        band, taps, _ = filter_of(remnant, recording.dt)
+    else:
+        band = Band(recording.dt, decimation(recording.dt, LikelihoodSettings.band))
     rate = None if band.factor == 1 else math.pi / band.dt
     prediction = predict(recording, estimate.model, rate)
-    residual = prediction.errors(estimate.values)
     if remnant is not None:
-        density = np.interp(band.omega, remnant.omega, remnant.density)
-        name, taps = remnant.model, prediction_error_filters((density @ band.cosines)[None])[0]
+        name = remnant.model
     else:
-        guess = best_noise_model(residual, band)
+        guess = best_noise_model(prediction.errors(estimate.values), band)
         name, taps = guess.model.name, guess.whitener(band)
     errors = prediction.errors(estimate.values, taps)
     prepared = prepare(recording, estimate.model, rate)
@@ -149,9 +147,9 @@ def drift_left(joint: Likelihood, values: FloatArray) -> tuple[float, FloatArray
         Chi-squared with a degree of freedom for each run if there is no drift; and what the
         control gains over the scored part of each run, shape (runs,).
     """
-    pilot, band = values[: joint.pilot], joint.band
-    terms = tuple(dict.fromkeys((0.0, *joint.prediction.terms)))  # an offset is no drift
-    prediction = replace(joint.prediction, terms=terms)
+    pilot, band = values[: joint.pilot_count], joint.band
+    terms = tuple(dict.fromkeys((0.0, *joint.prediction.nuisance_poles)))  # an offset is no drift
+    prediction = replace(joint.prediction, nuisance_poles=terms)
     line = prediction.without_nuisance(np.linspace(-0.5, 0.5, prediction.scored))
     residual = prediction.without_nuisance(prediction.residual(pilot))
     flat = residual - np.outer(residual @ line, line) / (line @ line)

@@ -3,7 +3,7 @@
 Two ways go wrong on their own.  A remnant taken for white has few wrong optima, but its best one
 need not be where the likelihood's is.  A remnant that is estimated along with the pilot makes a
 wrong pilot look right: what the pilot misses, the remnant explains.  So `maximise_likelihood`
-goes in four steps, of which the first alone decides what is maximised:
+goes in four steps, of which the first alone fixes the analysis band:
 
 1. `first_fit`: the pilot of the forcing frequencies alone, where there are any, or else that of a
    white residual, with a second-order remnant; in the first analysis band that is wide enough.
@@ -25,10 +25,10 @@ import numpy as np
 from pilotid.estimate.applicability import lines_objection
 from pilotid.estimate.estimate import Starts, is_at_bound
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.noise import RemnantChoice
-from pilotid.likelihood.optimum import Candidates, Optimum
+from pilotid.likelihood.optimum import Optimum, PilotCheck
 from pilotid.likelihood.prediction import Prediction, predict, weighted
 from pilotid.likelihood.prepare import decimation
+from pilotid.likelihood.remnant_choice import RemnantChoice
 from pilotid.likelihood.remnant_models import FIRST_NOISE_MODEL, WHITE, Whitener, guess_parameters
 from pilotid.likelihood.settings import (
     COMPETING_CRITERION,
@@ -68,7 +68,7 @@ def maximise_likelihood(
     candidates, starts, check = sweep(first, rng, settings, lines)
     whole = first.joint.prediction
     terms = whole.noticeable_terms(candidates[0], first.whitener)
-    prediction = replace(whole, terms=terms)
+    prediction = replace(whole, nuisance_poles=terms)
     # The lines' pilot rests on no model of the remnant.
     pilots = [*candidates, *([] if lines is None else lines)]
     choices = [RemnantChoice(prediction, pilot, settings.noise, check) for pilot in pilots]
@@ -79,7 +79,7 @@ def maximise_likelihood(
         before, terms = terms, whole.noticeable_terms(best.pilot, best.whitener)
         if len(terms) == len(before) and np.allclose(terms, before, rtol=0.1):
             break
-        best = optimum_near(replace(whole, terms=terms), best.pilot, settings, check)
+        best = optimum_near(replace(whole, nuisance_poles=terms), best.pilot, settings, check)
     best = _with_change_elsewhere(best)
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
@@ -101,7 +101,7 @@ def maxima_from(
     """
     first = first_fit(recording, model, settings, sets[:1])
     whole = first.joint.prediction
-    prediction = replace(whole, terms=whole.noticeable_terms(sets[0], first.whitener))
+    prediction = replace(whole, nuisance_poles=whole.noticeable_terms(sets[0], first.whitener))
     return [optimum_near(prediction, pilot, settings) for pilot in sets]
 
 
@@ -233,7 +233,7 @@ def sweep(
     rng: np.random.Generator,
     settings: LikelihoodSettings,
     lines: FloatArray | None = None,
-) -> tuple[FloatArray, Starts, Candidates]:
+) -> tuple[FloatArray, Starts, PilotCheck]:
     """Search the candidates, whitened by the remnant of the first pilot.
 
     Parameters
@@ -255,7 +255,7 @@ def sweep(
     coarse = first.joint.prediction.binned
     model, samples = coarse.model, coarse.samples
     near = np.zeros((0, len(model.parameters))) if lines is None else lines
-    check = Candidates(coarse, lines)
+    check = PilotCheck(coarse, lines)
     whitened = _whitened(coarse, Whitener(first.whitener))
     count = 0 if is_sound(model, lines) else settings.candidates
     starts = _starts(model, first.pilot, rng, count)
@@ -276,7 +276,7 @@ def sweep(
         own = with_remnants(first.joint, candidates)
         own = own.only(check.which(own))
         # Binned spectra missed 170 in deviance once (populations).
-        candidates = optima(own, samples, far=300.0)[0][:, : first.joint.pilot]
+        candidates = optima(own, samples, far=300.0)[0][:, : first.joint.pilot_count]
     given_up = np.delete(rough.cost, [start for group in met for start in group])
     cost = np.sort(np.concatenate([np.repeat(ends.cost, sizes), given_up]))
     return candidates, Starts(cost / cost[0], agreeing), check
@@ -355,7 +355,7 @@ def optimum_near(
     prediction: Prediction,
     pilot: FloatArray,
     settings: LikelihoodSettings,
-    check: Candidates | None = None,
+    check: PilotCheck | None = None,
 ) -> Optimum:
     """Pilot and remnant together from one pilot, the remnant's model chosen as they move.
 
@@ -375,7 +375,7 @@ def optimum_near(
 
 
 def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
-    """Candidates whose criterion is low on a first look, one of each optimum, best first."""
+    """PilotCheck whose criterion is low on a first look, one of each optimum, best first."""
     if len(choices) == 1:
         return choices
     firsts = [choice.quick_fit() for choice in choices]
@@ -409,7 +409,7 @@ def _best_and_competing(tried: Sequence[Optimum]) -> tuple[Optimum, list[FloatAr
 
 def _with_change_elsewhere(found: Optimum) -> Optimum:
     """The optimum, or a better one where a change in time lies elsewhere."""
-    joint, remnant = found.joint, found.values[found.joint.pilot :]
+    joint, remnant = found.joint, found.values[found.joint.pilot_count :]
     others = joint.prediction.model.changes_elsewhere(found.pilot)
     if not others:
         return found

@@ -272,7 +272,7 @@ class PilotModel:
     def changes(self) -> bool:
         """Whether a parameter varies in time; such a model has no frequency response.
 
-        `pilotid.model.model` has the constant pilots that it is at any one time.
+        `constant` is the pilot that it is at any one time.
         """
         return any(c.changing is not None for c in self.channels)
 
