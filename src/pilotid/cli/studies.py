@@ -155,12 +155,12 @@ def report(folder: Path, *, out: Path | None = None, force: bool = False) -> Non
 
 
 def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
-    from pilotid.report.study import compared, overview, write_report
+    from pilotid.report.study import overview, write_report
 
     study = store.comparison()
     study.write(folder)
     path = write_report(folder, study)
-    words, losses, rankings = overview(study, widest=5 if len(compared(study)) <= 5 else 0)
+    words, losses, rankings = overview(study)
     show(make_console(), *losses, *(own.table for own in rankings), *words, f"report: {path}")
     if plot:
         show_page(path, make_console())
