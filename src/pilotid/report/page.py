@@ -48,14 +48,11 @@ class Figure:
         What matplotlib drew.
     caption
         What it shows.
-    alt
-        The same in short, for those who do not see it; empty for the caption.
     """
 
     name: str
     drawing: Drawing = field(repr=False)
     caption: str
-    alt: str = ""
 
     @property
     def file(self) -> str:
@@ -65,7 +62,7 @@ class Figure:
     @cached_property
     def svg(self) -> str:
         """The figure as an SVG element."""
-        return svg(self.drawing, self.file, self.alt or self.caption)
+        return svg(self.drawing, self.file, self.caption)
 
 
 @cache
@@ -97,17 +94,14 @@ def environment() -> Environment:
     return found
 
 
-def _markdown(block: str | Sequence[str] | Table | Figure) -> Markup:
-    """A sentence, a list of them, a table or a figure as Markdown."""
+def _markdown(block: str | Sequence[str] | Table) -> Markup:
+    """A sentence, a list of them or a table as Markdown."""
     from markupsafe import Markup
 
     if isinstance(block, str):
         return Markup(for_markdown(block))
     if isinstance(block, Table):
         return Markup(markdown(block))
-    if isinstance(block, Figure):
-        place = f"![{for_markdown(block.alt)}]({FIGURES}/{block.file}.svg)"
-        return Markup(f"{place}\n\n*{for_markdown(block.caption)}*")
     return Markup("\n".join(f"- {for_markdown(sentence)}" for sentence in block))
 
 
