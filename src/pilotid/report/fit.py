@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pilotid.estimate.fitted import Fitted
-from pilotid.estimate.parts import FrequencyResponse
 from pilotid.estimate.quantities import abreast as beside
 from pilotid.estimate.quantities import quantity_tables
 from pilotid.model.element import ControlledElement, parsed_element
@@ -28,12 +27,7 @@ if TYPE_CHECKING:
 ABREAST = 3
 
 
-def html_report(
-    fits: Sequence[Fitted],
-    truth: FloatArray | None = None,
-    *,
-    points: Sequence[FrequencyResponse | None] | None = None,
-) -> str:
+def html_report(fits: Sequence[Fitted], truth: FloatArray | None = None) -> str:
     """The report as one HTML text that needs no network; equal fits give equal bytes.
 
     Parameters
@@ -42,14 +36,11 @@ def html_report(
         What was fitted.
     truth
         True parameters of a simulation, to be drawn beside the frequency responses.
-    points
-        For each fit an estimate of the responses without a model of the pilot, or None; see
-        `figures_of`.
     """
     shown = []
-    behind = points or [None] * len(fits)
-    for number, (fit, own) in enumerate(zip(fits, behind, strict=True), start=1):
-        figures = [replace(f, name=f"{f.name}-{number}") for f in figures_of(fit, own, None, truth)]
+    for number, fit in enumerate(fits, start=1):
+        drawn = figures_of(fit, truth=truth)
+        figures = [replace(figure, name=f"{figure.name}-{number}") for figure in drawn]
         content = {**words_of(fit), **tables_of(fit, ABREAST)}
         shown.append({"key": f"recording-{number}", **content, "figures": figures})
     contents = [(own["key"], own["heading"]) for own in shown]
@@ -174,7 +165,6 @@ def summary(fit: Fitted) -> str:
 
 def figures_of(
     fit: Fitted,
-    points: FrequencyResponse | None = None,
     element: ControlledElement | None = None,
     truth: FloatArray | None = None,
 ) -> Iterator[Figure]:
@@ -184,16 +174,14 @@ def figures_of(
     ----------
     fit
         What was fitted.
-    points
-        An estimate of the channels' responses without a model of the pilot, to be drawn behind
-        the describing functions where no estimate has a first step of its own; such as
-        ``Fourier().first_step(recording, model)``.
     element
         The controlled element, for the open loops; None for that of the fit or, where it has
         none, that which the recording names.
     truth
         True parameters of a simulation, shape (parameters,).
     """
+    from pilotid.methods.fourier import first_step_of
+
     recording = fit.recording
     shown = [e for e in fit.estimates if np.isfinite(e.values).all()]
     first_steps = [e for e in fit.estimates if e.frequency_response is not None]
@@ -207,12 +195,12 @@ def figures_of(
         yield Figure("time", plots.time_figure(recording, chosen), caption)
     if shown or first_steps:
         drawn = [e for e in fit.estimates if e in shown or e in first_steps]
-        behind = None if first_steps else points
-        figure = plots.response_figure(drawn, truth, points=behind, units=recording.units)
+        points = None if first_steps else first_step_of(recording, fit.model)
+        figure = plots.response_figure(drawn, truth, points=points, units=recording.units)
         caption = "Describing functions of the fitted models"
         if chosen is not None:
             caption += f", with the 95 % band of {chosen.method}"
-        if first_steps or behind is not None:
+        if first_steps or points is not None:
             whose = ", ".join(e.method for e in first_steps)
             source = f"the first step of {whose}" if whose else "Fourier coefficients"
             caption += f"; points with bars of 95 %: {source}, without a model of the pilot"

@@ -12,7 +12,6 @@ from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
-from weakref import WeakSet
 from xml.etree import ElementTree
 
 from pilotid.estimate.quantities import symbol
@@ -164,15 +163,8 @@ def save_figures(
     return written
 
 
-#: Figures whose axes have their places already.
-_LAID_OUT: WeakSet[Drawing] = WeakSet()
-
-
 def _lay_out(drawing: Drawing) -> None:
     """Find places for all axes once and for all: each drawing would find them anew."""
-    if drawing in _LAID_OUT:
-        return
-    _LAID_OUT.add(drawing)
     clean_drawing(drawing)
     engine = drawing.get_layout_engine()
     if engine is not None:

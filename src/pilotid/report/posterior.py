@@ -27,8 +27,6 @@ CSV_COLUMNS = (
 #: R-hat up to which ensembles agree (Vehtari et al. 2021), and independent draws that an interval
 #: needs for its ends to be known.
 AGREE, ENOUGH = 1.01, 400.0
-#: Figures of a fit that a posterior's page has, too: between its own.
-OF_FITS = ("describing-function", "open-loop", "remnant", "residual-tests")
 
 
 def quantity_table(quantities: Sequence[PosteriorQuantity]) -> Table:
@@ -169,7 +167,7 @@ def posterior_figures(
             f"First seconds of {runs} in its posterior predictive band: of the model's answer to "
             "the recorded inputs, and with the remnant.",
         ),
-        *(f for f in figures_of(fit, element=element) if f.name in OF_FITS),
+        *(f for f in figures_of(fit, element=element) if f.name != "time"),
     ]
 
 
