@@ -40,13 +40,13 @@ LARGEST = 2**26  # bytes of a manifest or of a table of estimates
 NUMBERS = ("value", "std_error", "lower", "upper")
 #: Columns of a table of estimates that must be there.
 REQUIRED = ("scenario", "replication", "parameter", "value")
-ABOUT = (
-    "Recordings have t: time [s], negative in the run-in, which is not to be scored; e: error; u: "
-    "control; x: response of the controlled element; ft: target; fd: disturbance; runs are "
-    "columns. Estimates go into a CSV in this folder, with the columns scenario, replication, "
-    "parameter, value and if known std_error, lower, upper (95 %), seconds, method. No method may "
-    "read the true parameters in the folder truth."
-)
+ABOUT = {
+    "recordings": "t: time [s], negative in the run-in, which is not to be scored; e: error; u: "
+    "control; x: response of the controlled element; ft: target; fd: disturbance; runs are columns",
+    "estimates": "a CSV in this folder, with the columns scenario, replication, parameter, value "
+    "and if known std_error, lower, upper (95 %), seconds, method",
+    "truth": "the true parameters, which no method may read",
+}
 
 
 @dataclass(frozen=True)
