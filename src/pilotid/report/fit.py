@@ -89,28 +89,19 @@ def _warned(fit: Fitted) -> str:
 
 
 def _loops(fit: Fitted, abreast: int) -> dict[str, Any]:
-    """With what element loops were drawn, their quantities, and what to know of them."""
-    nothing = {"element": "", "loops": [], "loop_notes": []}
-    if fit.loop_element is None:
-        return nothing
-    if fit.loop_element.element is None:
-        return {**nothing, "element": fit.loop_element.why}
-    pairs = [
-        (estimate.method, loops)
-        for estimate, loops in zip(fit.estimates, fit.loops, strict=True)
-        if np.isfinite(estimate.values).any()
-    ]
-    if not pairs:
-        return nothing
-    known = [
+    """With what element loops were drawn, or why with none, their quantities, and notes."""
+    own = fit.loop_element
+    pairs = zip(fit.estimates, fit.loops, strict=False)  # without an element there are no loops
+    known = [(e.method, loops) for e, loops in pairs if np.isfinite(e.values).any()]
+    tabled = [
         (method, loops.quantities)
-        for method, loops in pairs
+        for method, loops in known
         if any(math.isfinite(q.value) for q in loops.quantities)
     ]
     return {
-        "element": fit.loop_element.words,
-        "loops": quantity_tables(known, abreast, "loop"),
-        "loop_notes": [f"{method}: {note}" for method, loops in pairs for note in loops.notes],
+        "element": "" if own is None else own.words if known else own.why,
+        "loops": quantity_tables(tabled, abreast, "loop"),
+        "loop_notes": [f"{method}: {note}" for method, loops in known for note in loops.notes],
     }
 
 
