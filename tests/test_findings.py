@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ import pilotid
 from pilotid.datasets import scenario_named, simulate
 from pilotid.model.model import Channel
 from pilotid.recording.files import save_recording
-from pilotid.study.study import Study
 from pilotid.support.types import InputError
 
 RECORDING = simulate(scenario_named("single"), np.random.default_rng(1))
@@ -66,25 +64,6 @@ def test_fits_are_kept_where_figures_cannot_be_written(run: Run, place: Path) ->
 def test_python_is_as_careful(call: Any, place: Path) -> None:
     with pytest.raises(InputError):
         call()
-
-
-@dataclass(frozen=True)
-class Silent:
-    """Stands in for processes that answer nothing."""
-
-    def __call__(self, *_: Any, **__: Any) -> list[Any]:
-        return []
-
-
-def test_a_fit_that_nobody_answered_is_a_row(
-    run: Run, place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("pilotid.study.study.run_tasks", Silent())
-    study = Study(["single"], ["mle-white"], 2)
-    found = study.run_in(place / "o").frame.drop_duplicates("replication")
-    assert list(found.outcome) == ["died", "died"]
-    given = ("--scenario", "single", "--method", "mle-white", "--replications", "1")
-    assert run("compare", *given, "--out", "p").status == 1
 
 
 @pytest.mark.long

@@ -46,7 +46,7 @@ def test_a_white_remnant_leaves_no_bias() -> None:
         # One recording tells gain and lead apart by its lowest lines alone, so that its finite
         # length shows: +2 % and -2 % (a fifth of their scatter) in 120 fits of 8 runs, and
         # +0.8 % and -0.7 % in 60 fits of recordings four times as long.
-        finite_length = 0.25 * scores.spread(found).value if key in ("Kvis", "tlead") else 0.0
+        finite_length = 0.25 * scores.spread(found) if key in ("Kvis", "tlead") else 0.0
         bias, error = scores.bias(found, truth[key])
         assert abs(bias) < finite_length + LIMIT * error, key
 

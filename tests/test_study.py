@@ -150,8 +150,8 @@ def test_a_class_of_one_s_own_crosses_and_what_cannot_is_a_sentence() -> None:
     study = Study("single", Local())
     assert run_task(next(study.tasks(study.keys))).outcome == "converged"
     object.__setattr__(study.methods[0], "candidates", (number for number in (3,)))
-    with pytest.raises(InputError, match="local: cannot be handed to another process"):
-        next(study.tasks(study.keys))
+    with pytest.raises(InputError, match="Local: cannot be handed to another process"):
+        method_entry(study.methods[0])
 
 
 #: A study at the top of a script, without a guard, of a class that the script defines.

@@ -222,19 +222,6 @@ def test_any_part_of_a_study_makes_a_report(tmp_path: Path, name: str, count: in
     assert not re.search(r"\b(nan|inf)\b", made.html.partition("<script>")[0], re.I)
 
 
-def test_starts_that_end_together_are_counted(tmp_path: Path) -> None:
-    def fill(store: Store) -> None:
-        store.enter([entry("starts")])
-        for r in range(5):
-            factor = 1.2 if r == 4 else 1.1 + 1e-4 * r
-            values = [factor * t for t in TRUTH]
-            store.add(fit(("starts", "mle", r), values, [0.1] * 7))
-        store.add(failed(fit(("starts", "mle", 5), TRUTH, TRUTH), "diverged"))
-
-    made = report(tmp_path, fill, ("mle",))
-    assert ">4 of 6</td>" in made.html
-
-
 def test_a_long_label_is_whole_in_tables_and_short_in_figures(tmp_path: Path) -> None:
     methods = ("mle", "x" * 300)
     made = report(tmp_path, scenarios("nominal", methods=methods), methods)

@@ -218,10 +218,7 @@ def fit(
     if plot and report is None:
         report = Path(tempfile.mkdtemp(prefix="pilotid-")) / "report.html"
     if report is not None:
-        from pilotid.methods.fourier import first_step_of
-
-        points = [first_step_of(fitted.recording, fitted.model) for fitted in fits]
-        page = html_report(fits, true, points=points)
+        page = html_report(fits, true)
         write_file(report, page.encode("utf-8", "replace"))
     said: set[str] = set()
     console = make_console()

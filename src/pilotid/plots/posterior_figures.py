@@ -1,4 +1,4 @@
-"""Figures of a posterior: corner, trace, autocorrelation and predictive band."""
+"""Figures of a posterior: corner plot and predictive band."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import numpy as np
 from pilotid.estimate.draws import TAILS, Draws
 from pilotid.plots.style import (
     INK,
-    SMALLEST,
-    STYLES,
     WIDTH,
     colour_of,
     journal_figure,
@@ -25,11 +23,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOUR, OTHER = colour_of("bayes"), colour_of("mle")
+COLOUR = colour_of("bayes")
 GREY = "#999999"
-STROKES = ("-", (0, (5.0, 1.5)), (0, (1.2, 1.0)), (0, (4.0, 1.2, 1.0, 1.2)))
 SHOWN = 20_000  # draws in a corner plot
-STEPS = 600  # points of a trace
 INSIDE = (0.95, 0.5)  # shares of the draws that contours enclose
 
 
@@ -65,16 +61,12 @@ def corner(draws: Draws, units: dict[str, str]) -> Figure:
                 axes.tick_params(labelbottom=i == count - 1, labelleft=i > j == 0)
                 axes.tick_params(axis="x", rotation=45)
                 if i == count - 1:
-                    axes.set_xlabel(_label(draws.keys[j], units, "\n"))
+                    axes.set_xlabel(f"{draws.keys[j]}\n[{units.get(draws.keys[j]) or '-'}]")
                     axes.xaxis.set_label_coords(0.5, -0.5 * count / 7)
                 if j == 0 < i:
-                    axes.set_ylabel(_label(draws.keys[i], units, "\n"))
+                    axes.set_ylabel(f"{draws.keys[i]}\n[{units.get(draws.keys[i]) or '-'}]")
                     axes.yaxis.set_label_coords(-0.48 * count / 7, 0.5)
     return figure
-
-
-def _label(key: str, units: dict[str, str], between: str = " ") -> str:
-    return f"{key}{between}[{units.get(key) or '-'}]"
 
 
 def _marginal(axes: Axes, draws: Draws, index: int, limits: FloatArray) -> None:
@@ -96,63 +88,13 @@ def _pair(
         counts = np.apply_along_axis(np.convolve, axis, counts, kernel, "same")
     ordered = np.sort(counts.ravel())[::-1]
     shares = np.cumsum(ordered) / ordered.sum()
-    levels = [float(ordered[np.searchsorted(shares, share)]) for share in INSIDE]
-    levels = sorted(set(levels))
+    levels = sorted({float(ordered[np.searchsorted(shares, share)]) for share in INSIDE})
     x_middle, y_middle = (0.5 * (e[1:] + e[:-1]) for e in (x_edges, y_edges))
     top = float(counts.max())
     if levels[-1] < top:
         axes.contourf(x_middle, y_middle, counts.T, [*levels, top], colors=COLOUR, alpha=0.25)
     axes.contour(x_middle, y_middle, counts.T, levels, colors=COLOUR, linewidths=0.8)
     axes.set_ylim(*y_range.tolist())
-
-
-def trace(draws: Draws, units: dict[str, str]) -> Figure:
-    """Mean of the walkers of every ensemble, step by step, and the range of nine tenths."""
-    chains = _chains(draws)
-    stride = max(1, chains.shape[1] // STEPS)
-    chains = chains[:, ::stride]
-    steps = np.arange(chains.shape[1]) * stride
-    colours = (COLOUR, OTHER, colour_of("arx"), colour_of("fourier"))
-    with journal_figure(0.9 * len(draws.keys) + 0.5) as figure:
-        panels = figure.subplots(len(draws.keys), 1, sharex=True, squeeze=False)[:, 0]
-        for i, (axes, key) in enumerate(zip(panels, draws.keys, strict=True)):
-            low, high = np.quantile(chains[..., i], (0.05, 0.95), axis=(0, 2))
-            axes.fill_between(steps, low, high, color=GREY, alpha=0.25, linewidth=0.0)
-            for number, own in enumerate(chains[..., i]):
-                colour = colours[number % len(colours)]
-                axes.plot(steps, own.mean(axis=1), color=colour, linewidth=0.7)
-            axes.set_ylabel(_label(key, units, "\n"))
-            axes.locator_params(axis="y", nbins=4)
-        panels[-1].set(xlabel="step", xlim=(0, max(1, steps[-1])))
-        figure.align_ylabels()
-    return figure
-
-
-def autocorrelation(draws: Draws, lags: int = 60) -> Figure:
-    """Autocorrelation of every parameter along the chains, walkers averaged."""
-    chains = _chains(draws)
-    lags = min(lags, chains.shape[1] - 1)
-    offset = chains - chains.mean(axis=(0, 1, 2))
-    power = np.mean(offset**2, axis=(0, 1, 2))
-    with journal_figure(2.9) as figure:
-        axes = figure.subplots()
-        for i, key in enumerate(draws.keys):
-            own = offset[..., i]
-            products = [np.mean(own[:, : own.shape[1] - k] * own[:, k:]) for k in range(lags + 1)]
-            label = f"{key}: {draws.autocorrelation[i]:.1f} steps"
-            colour = list(STYLES.values())[i % len(STYLES)][0]
-            axes.plot(np.array(products) / power[i], color=colour, label=label,
-                      linestyle=STROKES[i % len(STROKES)])  # fmt: skip
-        axes.axhline(0.0, color=GREY, linewidth=0.7)
-        axes.set(xlabel="lag [steps]", ylabel="autocorrelation [-]", xlim=(0, lags))
-        axes.legend(ncols=2, frameon=False, title="integrated autocorrelation time",
-                    title_fontsize=SMALLEST)  # fmt: skip
-    return figure
-
-
-def _chains(draws: Draws) -> FloatArray:
-    """Draws by ensemble, step and walker, shape (ensembles, steps, walkers, parameters)."""
-    return draws.values.reshape(*draws.chains, -1)
 
 
 def band(predictive: PredictiveBand, unit: str = "", seconds: float = 30.0) -> Figure:

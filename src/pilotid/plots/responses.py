@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.parts import FrequencyResponse
 from pilotid.model.element import ControlledElement, as_element
-from pilotid.model.loops import Margin, loop_slopes, margins, open_loops
+from pilotid.model.loops import loop_slopes, margins, open_loops
 from pilotid.model.model import PilotModel
 from pilotid.plots.style import (
     INK,
@@ -23,7 +22,6 @@ from pilotid.plots.style import (
     log_ticks,
     named,
     new_columns,
-    new_pair,
     ratio_unit,
     with_unit,
 )
@@ -38,13 +36,12 @@ if TYPE_CHECKING:
 POINTS = 120  # of a curve over frequency
 USUAL = (0.2, 20.0)  # rad/s, the frequencies shown where there are no points
 OF_LOOPS = (0.3, 20.0)  # rad/s, the frequencies of open loops
-BANDS = 4  # fitted responses whose bands can be told apart
 LATER: Dash = (0, (1.0, 1.5))  # a pilot after a change
 NO_UNITS: Mapping[str, str] = MappingProxyType({})
-#: Name, colour, stroke and marker of the target and the disturbance loop.
-LOOP_STYLES: tuple[tuple[str, str, Dash, str], ...] = (
-    ("target", "#0072B2", "-", "o"),
-    ("disturbance", "#D55E00", (0, (5.0, 1.5)), "s"),
+#: Name, colour and stroke of the target and the disturbance loop.
+LOOP_STYLES: tuple[tuple[str, str, Dash], ...] = (
+    ("target", "#0072B2", "-"),
+    ("disturbance", "#D55E00", (0, (5.0, 1.5))),
 )
 
 
@@ -56,11 +53,10 @@ def describing_function(
     units: Mapping[str, str] = NO_UNITS,
     axes: Sequence[Axes] | None = None,
 ) -> tuple[Axes, ...]:
-    """Frequency responses of the channels: the model's with 95 % bands, a first step's as points.
+    """Frequency responses of the channels: the models' as lines, a first step's as points.
 
-    Bands follow from the covariance of the parameters to first order, for the logarithm of
-    the magnitude and for the phase; bars of points hold 95 %, too.  Of more than four estimates
-    the `leading` one alone has a band.
+    The `leading` estimate has a 95 % band, from the covariance of its parameters to first order,
+    for the logarithm of the magnitude and for the phase; bars of points hold 95 %, too.
 
     Parameters
     ----------
@@ -113,34 +109,20 @@ def _draw_channel(
     axes: tuple[Axes, Axes],
 ) -> None:
     bode = Bode(axes, np.geomspace(*_shown(estimates, points), POINTS))
-    several = leading(estimates) if len(estimates) > BANDS else None
-    first: ComplexArray | None = None
+    banded = leading(estimates)
     for own in named(estimates):
         estimate, index = own.estimate, _channel(own.estimate, channel)
-        found, response = estimate.frequency_response, None
-        if own.known:
-            for number, end in enumerate(_ends(estimate.model)):
-                response, errors = fitted_response(estimate, index, bode.omega, end)
-                first = response if first is None else first
-                label = f"{own.label}, after the change" if number else own.label
-                bode.line(
-                    response, own.colour, "" if found else label, LATER if number else own.dash
-                )
-                if np.isfinite(errors).all() and several in (None, estimate):
-                    bode.band(response, errors, own.colour)
-        if found:
-            value, std = found.value[index], found.std[index]
-            bode.points(
-                found.omega, value, std, response, own.colour, own.marker,
-                "" if own.known else own.label,
-            )  # fmt: skip
-            if own.known:  # one entry of the legend for line and points
-                axes[0].plot([], [], color=own.colour, linestyle=own.dash, marker=own.marker,
-                             markersize=4.0, markerfacecolor="white", label=own.label)  # fmt: skip
+        for number, end in enumerate(_ends(estimate.model) if own.known else ()):
+            response, errors = fitted_response(estimate, index, bode.omega, end)
+            label = f"{own.label}, after the change" if number else own.label
+            dash = LATER if number else own.dash
+            bode.line(response, own.colour, label, dash, errors if estimate is banded else None)
+        if (found := estimate.frequency_response) is not None:
+            label = "" if own.known else own.label
+            bode.points(found, index, own.colour, own.marker, label)
     model, index = estimates[0].model, _channel(estimates[0], channel)
     if points is not None:
-        value, std = points.value[index], points.std[index]
-        bode.points(points.omega, value, std, first, INK, "o", "Fourier coefficients")
+        bode.points(points, index, INK, "o", "Fourier coefficients")
     if truth is not None:
         for number, end in enumerate(_ends(model)):
             response = model.constant.response(bode.omega, truth[end])[index]
@@ -158,9 +140,8 @@ def open_loop(
 ) -> tuple[Axes, Axes]:
     """Target and disturbance open loops with 95 % bands, crossovers and phase margins.
 
-    A dot marks where each loop first falls through a magnitude of one, a bar the margin of its
-    phase over -180 deg there; the legend has both in numbers.  Bands follow from the covariance
-    of the parameters to first order.
+    A dot marks where each loop first falls through a magnitude of one; the legend has crossover
+    and phase margin in numbers.  Bands follow from the covariance of the parameters to first order.
 
     Parameters
     ----------
@@ -176,47 +157,34 @@ def open_loop(
     InputError
         If the estimate has no values, or its loop is not known.
     """
-    if estimate.model.no_loop:
-        raise InputError(f"no loop of model {estimate.model.name}: {estimate.model.no_loop}")
-    if not np.isfinite(estimate.values).all():
+    model, values = estimate.model, estimate.values
+    if model.no_loop:
+        raise InputError(f"no loop of model {model.name}: {model.no_loop}")
+    if not np.isfinite(values).all():
         raise InputError(f"{estimate.method} has no values, so that there is no loop to draw")
     element = as_element(element)
-    axes = axes or new_pair()
-    above, below = axes
-    bode = Bode(axes, np.geomspace(*OF_LOOPS, 2 * POINTS))
-    model, values = estimate.model, estimate.values
+    above, below = axes or new_columns(1)
+    bode = Bode((above, below), np.geomspace(*OF_LOOPS, 2 * POINTS))
     loops = np.array(open_loops(model, values, element, bode.omega))
     errors = loop_errors(estimate, element, bode.omega)
     same = bool(np.allclose(loops[0], loops[1]))
     above.axhline(1.0, color=INK, linewidth=0.6)
-    pairs = [*zip(loops, errors, margins(model, values, element), LOOP_STYLES, strict=True)]
-    for loop, error, margin, (own, colour, dash, marker) in pairs[: 1 if same else 2]:
-        name = "target and disturbance" if same else own
+    drawn = [*zip(loops, errors, margins(model, values, element), LOOP_STYLES, strict=True)]
+    for loop, error, margin, (name, colour, dash) in drawn[: 1 if same else 2]:
         if not np.abs(loop).min() > 0.0:
             continue  # no channel acts on what this loop needs
-        bode.line(loop, colour, f"{name}: {_margin_words(margin)}", dash)
-        phase = np.asarray(below.get_lines()[-1].get_ydata(), float)
-        if np.isfinite(error).all():
-            bode.band(loop, error, colour)
+        words = "no crossover"
+        if np.isfinite(margin.crossover):
+            words = f"crossover {margin.crossover:.2f} rad/s"
+            words += f", phase margin {margin.phase_margin:.0f}°"
+        label = f"{'target and disturbance' if same else name}: {words}"
+        bode.line(loop, colour, label, dash, error)
         if OF_LOOPS[0] < margin.crossover < OF_LOOPS[1]:
-            at = float(np.interp(np.log(margin.crossover), np.log(bode.omega), phase))
-            limit = at - margin.phase_margin
-            below.plot([margin.crossover] * 2, [at, limit], color=colour, linewidth=2.5,
-                       zorder=3.0, solid_capstyle="butt")  # fmt: skip
-            below.axhline(limit, color=INK, linewidth=0.6)
-            for panel, height in ((above, 1.0), (below, at)):
-                panel.plot(margin.crossover, height, marker, color=colour, markersize=4.0)
+            above.plot(margin.crossover, 1.0, "o", color=colour, markersize=4.0)
     bode.frame()
     above.set_ylabel("magnitude |L| [-]")
-    above.set_title("open loop" if same else "open loops", loc="left")
     legend(above)
-    return axes
-
-
-def _margin_words(margin: Margin) -> str:
-    if not np.isfinite(margin.crossover):
-        return "no crossover"
-    return f"crossover {margin.crossover:.2f} rad/s, phase margin {margin.phase_margin:.0f}°"
+    return above, below
 
 
 def loop_errors(estimate: Estimate, element: ControlledElement, omega: FloatArray) -> FloatArray:
@@ -292,91 +260,60 @@ class Bode:
     def __init__(self, axes: tuple[Axes, Axes], omega: FloatArray) -> None:
         self.above, self.below = axes
         self.omega = omega
-        self._phase: FloatArray | None = None
+        self._phase: FloatArray | None = None  # of the first line, on whose turn all others are
 
-    def line(self, response: ComplexArray, color: str, label: str, linestyle: Dash = "-") -> None:
-        """Draw a response at `omega`, shape (n,)."""
-        phase = np.rad2deg(self._turned(response))
-        for axes, y in ((self.above, np.abs(response)), (self.below, phase)):
-            axes.plot(self.omega, y, color=color, linestyle=linestyle, linewidth=1.2, label=label)
-
-    def band(self, response: ComplexArray, errors: FloatArray, color: str) -> None:
-        """Shade 95 % about a response at `omega`.
+    def line(
+        self,
+        response: ComplexArray,
+        colour: str,
+        label: str,
+        dash: Dash,
+        errors: FloatArray | None = None,
+    ) -> None:
+        """Draw a response at `omega`, and 95 % about it where its errors are known.
 
         Parameters
         ----------
         response
             The response, shape (n,).
+        colour, label, dash
+            How it looks, and what it is called.
         errors
             Standard errors of log-magnitude and phase [rad], shape (2, n).
-        color
-            Of the shade.
         """
-        size, phase, reach = np.abs(response), self._turned(response), Z95 * errors
-        # Further than this the axes never reach, and exponentials might.
-        ratio = np.exp(np.minimum(reach[0], 50.0))
-        low, high = np.rad2deg(phase - reach[1]), np.rad2deg(phase + reach[1])
-        self.above.fill_between(
-            self.omega, size / ratio, size * ratio, color=color, alpha=0.2, lw=0.0
-        )
-        self.below.fill_between(self.omega, low, high, color=color, alpha=0.2, lw=0.0)
-
-    def points(
-        self,
-        omega: FloatArray,
-        response: ComplexArray,
-        errors: FloatArray,
-        near: ComplexArray | None,
-        color: str,
-        marker: str,
-        label: str,
-    ) -> None:
-        """Draw estimated responses with bars that hold 95 %.
-
-        Parameters
-        ----------
-        omega, response
-            Frequencies [rad/s] and responses, shape (points,).
-        errors
-            Root mean square of |response - true response|, shape (points,).
-        near
-            Response at `self.omega` on whose turn the points belong; None if there is none.
-        color, marker, label
-            How they look, and what they are called.
-        """
-        from matplotlib.axes import Axes
-
-        size = np.abs(response)
-        # Each part, real and imaginary, has half of the error's power.
-        reach = Z95 * errors / np.sqrt(2.0)
-        if near is None:
-            phase = self._turned(response)
-        else:
-            line = np.interp(omega, self.omega, self._turned(near))
-            phase = line + np.angle(response * np.exp(-1j * line))
-        draw = partial(
-            Axes.errorbar,
-            color=color,
-            fmt=marker,
-            markersize=4.0,
-            ecolor=(color, 0.5),
-            elinewidth=0.8,
-            markerfacecolor="white",
-        )
-        # A bar that reached down to zero would reach to minus infinity here.
-        bars = np.array([np.minimum(reach, 0.98 * size), reach])
-        draw(self.above, omega, size, bars, label=label or None)
-        known = reach < size  # others say nothing of the phase
-        turned, share = np.rad2deg(phase[known]), np.rad2deg((reach / size)[known])
-        draw(self.below, omega[known], turned, share)
-
-    def _turned(self, response: ComplexArray) -> FloatArray:
-        """Phase [rad] without jumps, on the turn on which the first response began."""
-        phase = np.unwrap(np.angle(response))
+        size, phase = np.abs(response), np.unwrap(np.angle(response))
         if self._phase is None:
             self._phase = phase
-        turns = np.round((self._phase[0] - phase[0]) / (2.0 * np.pi))
-        return np.asarray(phase + 2.0 * np.pi * turns)
+        phase += 2.0 * np.pi * np.round((self._phase[0] - phase[0]) / (2.0 * np.pi))
+        for axes, y in ((self.above, size), (self.below, np.rad2deg(phase))):
+            axes.plot(self.omega, y, color=colour, linestyle=dash, linewidth=1.2, label=label)
+        if errors is not None and np.isfinite(errors).all():
+            # Further than this the axes never reach, and exponentials might.
+            ratio, reach = np.exp(np.minimum(Z95 * errors[0], 50.0)), Z95 * errors[1]
+            ends = np.rad2deg(phase - reach), np.rad2deg(phase + reach)
+            shade: dict[str, Any] = {"color": colour, "alpha": 0.2, "lw": 0.0}
+            self.above.fill_between(self.omega, size / ratio, size * ratio, **shade)
+            self.below.fill_between(self.omega, *ends, **shade)
+
+    def points(
+        self, found: FrequencyResponse, channel: int, colour: str, marker: str, label: str
+    ) -> None:
+        """Draw a channel's estimated response with bars that hold 95 %."""
+        omega, response = found.omega, found.value[channel]
+        # Each part, real and imaginary, has half of the error's power.
+        size, reach = np.abs(response), Z95 * found.std[channel] / np.sqrt(2.0)
+        phase = np.unwrap(np.angle(response))
+        if self._phase is not None:
+            line = np.interp(omega, self.omega, self._phase)
+            phase = line + np.angle(response * np.exp(-1j * line))
+        look: dict[str, Any] = {"color": colour, "ecolor": (colour, 0.5), "elinewidth": 0.8}
+        look |= {"fmt": marker, "markersize": 4.0, "markerfacecolor": "white"}
+        # A bar that reached down to zero would reach to minus infinity here.
+        bars = np.array([np.minimum(reach, 0.98 * size), reach])
+        self.above.errorbar(omega, size, bars, label=label or None, **look)
+        known = reach < size  # others say nothing of the phase
+        turned, bars = np.rad2deg(phase[known]), np.rad2deg((reach / size)[known])
+        self.below.errorbar(omega[known], turned, bars, **look)
 
     def frame(self) -> None:
         """Scales, labels and limits; lines and points decide on these, bands and bars do not."""

@@ -224,9 +224,3 @@ def new_columns(count: int) -> list[Axes]:
         figsize=(2.0 + 4.0 * count, 5.0), layout="constrained",
     )  # fmt: skip
     return [*axes.T.ravel()]
-
-
-def new_pair() -> tuple[Axes, Axes]:
-    """Axes of magnitude and phase in a new figure by pyplot."""
-    above, below = new_columns(1)
-    return above, below

@@ -12,7 +12,6 @@ from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
-from weakref import WeakSet
 from xml.etree import ElementTree
 
 from pilotid.estimate.quantities import symbol
@@ -48,14 +47,11 @@ class Figure:
         What matplotlib drew.
     caption
         What it shows.
-    alt
-        The same in short, for those who do not see it; empty for the caption.
     """
 
     name: str
     drawing: Drawing = field(repr=False)
     caption: str
-    alt: str = ""
 
     @property
     def file(self) -> str:
@@ -65,7 +61,7 @@ class Figure:
     @cached_property
     def svg(self) -> str:
         """The figure as an SVG element."""
-        return svg(self.drawing, self.file, self.alt or self.caption)
+        return svg(self.drawing, self.file, self.caption)
 
 
 @cache
@@ -97,17 +93,14 @@ def environment() -> Environment:
     return found
 
 
-def _markdown(block: str | Sequence[str] | Table | Figure) -> Markup:
-    """A sentence, a list of them, a table or a figure as Markdown."""
+def _markdown(block: str | Sequence[str] | Table) -> Markup:
+    """A sentence, a list of them or a table as Markdown."""
     from markupsafe import Markup
 
     if isinstance(block, str):
         return Markup(for_markdown(block))
     if isinstance(block, Table):
         return Markup(markdown(block))
-    if isinstance(block, Figure):
-        place = f"![{for_markdown(block.alt)}]({FIGURES}/{block.file}.svg)"
-        return Markup(f"{place}\n\n*{for_markdown(block.caption)}*")
     return Markup("\n".join(f"- {for_markdown(sentence)}" for sentence in block))
 
 
@@ -170,15 +163,8 @@ def save_figures(
     return written
 
 
-#: Figures whose axes have their places already.
-_LAID_OUT: WeakSet[Drawing] = WeakSet()
-
-
 def _lay_out(drawing: Drawing) -> None:
     """Find places for all axes once and for all: each drawing would find them anew."""
-    if drawing in _LAID_OUT:
-        return
-    _LAID_OUT.add(drawing)
     clean_drawing(drawing)
     engine = drawing.get_layout_engine()
     if engine is not None:

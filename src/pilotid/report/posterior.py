@@ -12,7 +12,7 @@ from pilotid.estimate.draws import Draws
 from pilotid.estimate.fitted import Fitted
 from pilotid.estimate.quantities import UNDETERMINED, PosteriorQuantity
 from pilotid.model.element import ControlledElement
-from pilotid.plots.posterior_figures import autocorrelation, band, corner, trace
+from pilotid.plots.posterior_figures import band, corner
 from pilotid.posterior.predictive import PredictiveBand
 from pilotid.report.fit import figures_of, words_of
 from pilotid.report.page import Figure, render, save_figures
@@ -27,8 +27,6 @@ CSV_COLUMNS = (
 #: R-hat up to which ensembles agree (Vehtari et al. 2021), and independent draws that an interval
 #: needs for its ends to be known.
 AGREE, ENOUGH = 1.01, 400.0
-#: Figures of a fit that a posterior's page has, too: between its own.
-OF_FITS = ("describing-function", "open-loop", "remnant", "residual-tests")
 
 
 def quantity_table(quantities: Sequence[PosteriorQuantity]) -> Table:
@@ -37,20 +35,20 @@ def quantity_table(quantities: Sequence[PosteriorQuantity]) -> Table:
     def ends(low: float, high: float, error: float) -> str:
         return f"{to_error(low, error, 9)} .. {to_error(high, error, 9)}"
 
+    def mean(value: float, error: float, determined: bool) -> str:
+        known = f"{to_error(value, error, 9)} ± {to_error(error, error, 9)}"
+        return known if determined else UNDETERMINED
+
     rows = [
         (
-            *(s.key, s.unit, to_error(s.value, s.std_error, 9) if s.determined else UNDETERMINED),
-            to_error(s.std_error, s.std_error, 9) if s.determined else "",
-            *((s.lower, s.upper, s.std_error), (*s.highest_density, s.std_error)),
-            *(s.effective, s.r_hat),
+            *(s.key, s.unit, (s.value, s.std_error, s.determined)),
+            *((s.lower, s.upper, s.std_error), s.effective, s.r_hat),
         )
         for s in quantities
     ]
     forms: dict[str, Callable[..., str]] = {
-        "mean": str,
-        "std": str,
-        "95 % equal-tailed": ends,
-        "95 % highest density": ends,
+        "mean": mean,
+        "95 % interval": ends,
         "effective": "{:.0f}".format,
         "R-hat": "{:.4f}".format,
     }
@@ -169,18 +167,7 @@ def posterior_figures(
             f"First seconds of {runs} in its posterior predictive band: of the model's answer to "
             "the recorded inputs, and with the remnant.",
         ),
-        *(f for f in figures_of(fit, element=element) if f.name in OF_FITS),
-        Figure(
-            "trace",
-            trace(draws, units),
-            "Course of every parameter: the mean of each ensemble's walkers, over the middle nine "
-            "tenths of all (shaded).",
-        ),
-        Figure(
-            "autocorrelation",
-            autocorrelation(draws),
-            "Autocorrelation of every parameter along the chains, walkers averaged.",
-        ),
+        *(f for f in figures_of(fit, element=element) if f.name != "time"),
     ]
 
 

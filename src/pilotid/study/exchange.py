@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.datasets import AnyScenario, scenarios_named
+from pilotid.datasets import scenarios_named
 from pilotid.datasets.named import truth
 from pilotid.estimate.estimate import Outcome
 from pilotid.naming.settings import name_of
@@ -40,61 +40,30 @@ LARGEST = 2**26  # bytes of a manifest or of a table of estimates
 NUMBERS = ("value", "std_error", "lower", "upper")
 #: Columns of a table of estimates that must be there.
 REQUIRED = ("scenario", "replication", "parameter", "value")
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """A parameter to estimate: where all methods start, and between which bounds they search."""
-
-    key: str
-    unit: str
-    start: float
-    lower: float
-    upper: float
+ABOUT = {
+    "recordings": "t: time [s], negative in the run-in, which is not to be scored; e: error; u: "
+    "control; x: response of the controlled element; ft: target; fd: disturbance; runs are columns",
+    "estimates": "a CSV in this folder, with the columns scenario, replication, parameter, value "
+    "and if known std_error, lower, upper (95 %), seconds, method",
+    "truth": "the true parameters, which no method may read",
+}
 
 
 @dataclass(frozen=True)
 class Exported:
-    """A recording in a manifest.
+    """A recording in a manifest: scenario, replication from 0, and digest (see `digest_of`)."""
 
-    Attributes
-    ----------
-    file
-        Its place in the folder.
-    scenario, replication
-        What it is a recording of, replications from 0.
-    digest
-        See `digest_of`.
-    dt, run_in, runs
-        Sampling interval [s], samples before the measurement window, number of runs.
-    controlled_element
-        Name of the controlled element, empty where methods have to do without.
-    model
-        Name of the pilot model to fit.
-    parameters
-        What to estimate, in the model's order.
-    """
-
-    file: str
     scenario: str
     replication: int
     digest: str
-    dt: float
-    run_in: int
-    runs: int
-    controlled_element: str
-    model: str
-    parameters: tuple[Wanted, ...]
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """What an export holds.
+    """What makes the recordings of an export again, and their digests.
 
     Attributes
     ----------
-    about
-        What the parts mean, in words.
     seed
         Seed of all random numbers, as for `pilotid compare --seed`.
     scenarios
@@ -105,20 +74,10 @@ class Manifest:
         All of them.
     """
 
-    about: dict[str, str]
     seed: int
     scenarios: tuple[str, ...]
     replications: int
     recordings: tuple[Exported, ...]
-
-
-ABOUT = {
-    "recordings": "t: time [s], negative in the run-in, which is not to be scored; e: error; u: "
-    "control; x: response of the controlled element; ft: target; fd: disturbance; runs are columns",
-    "estimates": "a CSV in this folder, with the columns scenario, replication, parameter, value "
-    "and if known std_error, lower, upper (95 %), seconds, method",
-    "truth": "the true parameters, which no method may read",
-}
 
 
 def export(
@@ -129,8 +88,12 @@ def export(
     kind: str,
     *,
     force: bool = False,
-) -> Manifest:
-    """Write the recordings of a study, and give their manifest.
+) -> int:
+    """Write the recordings of a study, their manifest and their truth; returns how many there are.
+
+    The manifest has for each recording its file, sampling interval ``dt`` [s], samples of run-in,
+    runs, controlled element (empty where methods do without), and the model to fit with start and
+    bounds of each parameter.
 
     Parameters
     ----------
@@ -146,7 +109,7 @@ def export(
     require_folder(folder, [MANIFEST], force=force)
     make_folder(folder / RECORDINGS)
     make_folder(folder / TRUTH)
-    made = []
+    entries = []
     for origin in [own for text in scenarios for own in scenarios_named(text)]:
         for replication in range(replications):
             scenario = scenario_of(origin, seed, replication)
@@ -155,19 +118,24 @@ def export(
             name = f"{name_of(origin.name)}-{replication}"
             file = f"{RECORDINGS}/{name}.{kind}"
             save_recording(recording, folder / file)
-            told = strict_json({"seed": seed, "replication": replication, **truth(scenario)})
-            write_file(folder / TRUTH / f"{name}.json", told.encode())
-            wanted = tuple(
-                Wanted(p.key, p.unit, float(start), p.lower, p.upper)
-                for p, start in zip(model.parameters, model.start, strict=True)
-            )
-            key = origin.name, replication, digest_of(recording)
-            signals = recording.dt, recording.run_in, recording.runs
-            element = recording.controlled_element
-            made.append(Exported(file, *key, *signals, element, model.name, wanted))
-    manifest = Manifest(ABOUT, seed, tuple(scenarios), replications, tuple(made))
-    write_file(folder / MANIFEST, strict_json(asdict(manifest)).encode())
-    return manifest
+            known = {"seed": seed, "replication": replication, **truth(scenario)}
+            write_file(folder / TRUTH / f"{name}.json", strict_json(known).encode())
+            entries.append({
+                "file": file,
+                **asdict(Exported(origin.name, replication, digest_of(recording))),
+                **{fact: getattr(recording, fact) for fact in ("dt", "run_in", "runs")},
+                "controlled_element": recording.controlled_element,
+                "model": model.name,
+                "parameters": [
+                    {"key": p.key, "unit": p.unit, "start": start, "lower": p.lower,
+                     "upper": p.upper}
+                    for p, start in zip(model.parameters, map(float, model.start), strict=True)
+                ],
+            })  # fmt: skip
+    held = {"about": ABOUT, "seed": seed, "scenarios": [*scenarios]}
+    held |= {"replications": replications, "recordings": entries}
+    write_file(folder / MANIFEST, strict_json(held).encode())
+    return len(entries)
 
 
 def digest_of(recording: Recording) -> str:
@@ -227,15 +195,13 @@ def read_estimates(path: Path, manifest: Manifest, study: Study) -> list[tuple[E
     InputError
         If the table cannot be read, or is of other recordings than the study's.
     """
-    table, origins = _table(path), {scenario.name: scenario for scenario in study.scenarios}
+    table = _table(path)
     if manifest.seed != study.seed:
         raise InputError(
             f"{path}: its recordings have the seed {manifest.seed}, the study has {study.seed}; "
             f"say --seed {manifest.seed}"
         )
-    known = {(own.scenario, own.replication): own for own in manifest.recordings}
-    _require_known(path, table, known, origins)
-    _require_same(path, {key for key in known if key[0] in origins}, known, origins, study)
+    _require_same(path, table, manifest, study)
     code = hashlib.sha256(path.read_bytes()).hexdigest()
     found = []
     for place, (label, own) in enumerate(table.groupby("method", sort=False)):
@@ -244,7 +210,7 @@ def read_estimates(path: Path, manifest: Manifest, study: Study) -> list[tuple[E
         entry = Entry(
             str(label), 1000 + place, {"estimates": path.name}, code, f"--estimates {path}"
         )
-        found.append((entry, list(_fits(path, own, origins, study))))
+        found.append((entry, list(_fits(own, study))))
     return found
 
 
@@ -275,19 +241,17 @@ def _table(path: Path) -> DataFrame:
 
     require_file(path, LARGEST)
     try:
-        table = read_csv(path, dtype=str, keep_default_na=False, skipinitialspace=True)
+        table = read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         why = str(error).splitlines()[0]
         raise InputError(f"{path}: cannot be read as CSV ({why}); write it again") from None
-    table.columns = [str(name).strip("\ufeff ") for name in table.columns]
+    table = table.rename(columns=str.strip).apply(lambda column: column.str.strip())
     lacking = [name for name in REQUIRED if name not in table]
     if lacking:
         raise InputError(f"{path}: has no column {lacking[0]}; it needs {', '.join(REQUIRED)}")
-    if "method" not in table:
-        table["method"] = name_of(path.stem)
+    usual = {"method": name_of(path.stem), **dict.fromkeys((*NUMBERS, "seconds"), "")}
+    table = table.assign(**{name: text for name, text in usual.items() if name not in table})
     for name in (*NUMBERS, "seconds", "replication"):
-        texts = table[name].str.strip() if name in table else ""
-        table[name] = texts
         numbers = to_numeric(table[name], errors="coerce").astype(float)
         wrong = numbers.isna() & ~table[name].str.lower().isin(["", "nan", "na"])
         wrong |= np.isinf(numbers) | ((numbers % 1 != 0) & (name == "replication"))
@@ -298,8 +262,6 @@ def _table(path: Path) -> DataFrame:
                 "empty where there is none"
             )
         table[name] = numbers
-    for name in ("method", "scenario", "parameter"):
-        table[name] = table[name].str.strip()
     twice = table.duplicated(["method", "scenario", "replication", "parameter"])
     if twice.any():
         row = int(np.argmax(twice.to_numpy()))
@@ -310,65 +272,54 @@ def _table(path: Path) -> DataFrame:
     return table.astype({"replication": int})
 
 
-def _require_known(
-    path: Path,
-    table: DataFrame,
-    known: Mapping[tuple[str, int], Exported],
-    origins: Mapping[str, AnyScenario],
-) -> None:
-    """Refuse estimates of anything that was not exported, or is not in the study."""
+def _require_same(path: Path, table: DataFrame, manifest: Manifest, study: Study) -> None:
+    """Refuse estimates of anything but the study's recordings, which were exported."""
+    origins = {scenario.name: scenario for scenario in study.scenarios}
+    digests = {(own.scenario, own.replication): own.digest for own in manifest.recordings}
     columns = zip(table.scenario, table.replication, table.parameter, strict=True)
     for row, (name, replication, key) in enumerate(columns):
-        own, what = known.get((name, replication)), ""
+        what = ""
         if name not in origins:
             what = f"scenario '{name:.50}' is not in the study; it has {', '.join(origins)}"
-        elif own is None:
+        elif (name, replication) not in digests:
             what = f"{MANIFEST} has no replication {replication} of scenario {name}"
-        elif key not in (keys := [wanted.key for wanted in own.parameters]):
-            what = f"model {own.model} has no parameter '{key:.50}'; it has {', '.join(keys)}"
+        else:
+            model = scenario_of(origins[name], study.seed, replication).model
+            if key not in model.keys:
+                keys = ", ".join(model.keys)
+                what = f"model {model.name} has no parameter '{key:.50}'; it has {keys}"
         if what:
             raise InputError(f"{path}, line {row + 2}: {what}")
-
-
-def _require_same(
-    path: Path,
-    keys: set[tuple[str, int]],
-    known: Mapping[tuple[str, int], Exported],
-    origins: Mapping[str, AnyScenario],
-    study: Study,
-) -> None:
-    """Refuse estimates unless all recordings of the study are those that were exported."""
     for name, origin in origins.items():
-        exported = [replication for own, replication in keys if own == name]
+        exported = sorted(replication for own, replication in digests if own == name)
         if exported and len(exported) < study.replications:
             raise InputError(
                 f"{path}: {len(exported)} recordings of {name} were exported, the study has "
                 f"{study.replications}; say --replications {len(exported)}"
             )
-        for replication in sorted(exported)[: study.replications]:
+        for replication in exported[: study.replications]:
             recording = recording_of(origin, study.seed, recorded(origin, replication))
-            if digest_of(recording) != known[name, replication].digest:
+            if digest_of(recording) != digests[name, replication]:
                 raise InputError(
                     f"{path.parent / MANIFEST}: replication {replication} of {name} has another "
                     "digest than the study's recording; export and fit the recordings again"
                 )
 
 
-def _fits(
-    path: Path, table: DataFrame, origins: Mapping[str, AnyScenario], study: Study
-) -> Iterator[Fit]:
+def _fits(table: DataFrame, study: Study) -> Iterator[Fit]:
     """A fit by one method for each recording of the scenarios that it was tried on."""
     label = str(table.method.iloc[0])
     rows = dict(iter(table.groupby(["scenario", "replication"], sort=False)))
-    for name in table.scenario.unique():
+    for origin in (own for own in study.scenarios if own.name in {*table.scenario}):
         for replication in range(study.replications):
-            scenario = scenario_of(origins[name], study.seed, replication)
-            own = rows.get((name, replication), table[:0])
+            scenario = scenario_of(origin, study.seed, replication)
+            own = rows.get((origin.name, replication), table[:0])
             found = {key: values for key, *values in own[["parameter", *NUMBERS]].itertuples(False)}
             why = _fault(found, scenario.model.keys)
             outcome = Outcome.INVALID if why else Outcome.CONVERGED
             seconds = number(own.seconds.iloc[0]) if len(own) else None
-            fit = Fit(name, label, replication, outcome.slug, why, not why, seconds=seconds)
+            key = origin.name, label, replication
+            fit = Fit(*key, outcome.slug, why, not why, seconds=seconds)
             yield with_truth(fit, scenario, {} if why else found)
 
 

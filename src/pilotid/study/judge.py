@@ -9,8 +9,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from pilotid.study.scores import ALL, LOSS, loss_text, skewed_t
-from pilotid.support.format import number, plus_minus, signed
+from pilotid.study.scores import ALL, skewed_t
+from pilotid.support.format import number, signed
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -44,31 +44,20 @@ class Flag(NamedTuple):
         ``biased``, ``too-short``, ``too-long`` or ``fails``.
     parameter
         The parameter where it is worst; of failures all.
-    value, error
-        Mean error over claimed error, coverage, or share of failures; its standard error.
+    value
+        Mean error over claimed error, coverage, or share of failures.
     """
 
     code: str
     parameter: str
     value: float
-    error: float
 
     @property
     def words(self) -> str:
-        """The flag with its figure."""
-        if self.code == "biased":
-            return f"biased ({self.parameter} {plus_minus(self.value, self.error)} claimed errors)"
-        share = plus_minus(100.0 * self.value, 100.0 * self.error).lstrip("+")
-        if self.code == "fails":
-            return f"fails ({share} %)"
-        name = "all parameters" if self.parameter == ALL else self.parameter
-        return f"{self.name} ({name}: cover {share} %)"
-
-    @property
-    def name(self) -> str:
         """What the fault is called in a table."""
         fault = self.code.replace("-", " ")
-        return f"intervals {fault}" if self.code.startswith("too-") else fault
+        name = f"intervals {fault}" if self.code.startswith("too-") else fault
+        return name if self.parameter == ALL else f"{name} ({self.parameter})"
 
 
 @dataclass(frozen=True)
@@ -89,9 +78,9 @@ class Verdict:
 
     @property
     def words(self) -> str:
-        """The grade with the names of the flags."""
-        names = ", ".join(flag.name for flag in self.flags)
-        return f"{self.grade}: {names}" if names else self.grade
+        """The grade with the flags."""
+        faults = ", ".join(flag.words for flag in self.flags)
+        return f"{self.grade}: {faults}" if faults else self.grade
 
 
 def judge(scores: DataFrame) -> Verdict:
@@ -137,7 +126,7 @@ def _bias(each: list[Any]) -> Flag | None:
         return bool(2.0 * stdtr(s.n - 1.0, -abs(t)) < LEVEL)
 
     worst = max(filter(certain, each), key=lambda s: abs(s.mean_z), default=None)
-    return Flag("biased", worst.parameter, worst.mean_z, worst.mean_z_se) if worst else None
+    return Flag("biased", worst.parameter, worst.mean_z) if worst else None
 
 
 def _coverage(rows: list[Any]) -> Flag | None:
@@ -157,8 +146,7 @@ def _coverage(rows: list[Any]) -> Flag | None:
         return None
     single = [f for f in found if f[0].parameter != ALL] or found
     worst, code = max(single, key=lambda f: abs(f[0].coverage_95 - 0.95))
-    share = worst.coverage_95
-    return Flag(code, worst.parameter, share, math.sqrt(share * (1.0 - share) / worst.worth))
+    return Flag(code, worst.parameter, worst.coverage_95)
 
 
 def _failures(overall: Any) -> Flag | None:
@@ -168,33 +156,7 @@ def _failures(overall: Any) -> Flag | None:
     count, share = overall.recordings, overall.failures / overall.recordings
     if not overall.failures or bdtrc(overall.failures - 1, count, FAILURES) >= LEVEL:
         return None
-    return Flag("fails", ALL, share, math.sqrt(share * (1.0 - share) / count))
-
-
-def sentence(name: str, scores: DataFrame) -> str:
-    """What a reader should know of a method in a scenario.
-
-    Parameters
-    ----------
-    name
-        Of the method.
-    scores
-        As `judge` takes them.
-    """
-    verdict, overall = judge(scores), scores.iloc[0]
-    if verdict.grade == "not applicable":
-        return f"`{name}`: not applicable by its own word."
-    if verdict.grade == "unscored":
-        head = f"gives no intervals; rmse {number(overall.rmse_over_bound)} times the bound"
-    else:
-        head = f"{verdict.grade}, loss {loss_text(*overall[list(LOSS)])}"
-    if overall.failures and math.isfinite(overall.loss_ended_well):
-        head += f" ({number(overall.loss_ended_well)} without failures)"
-    faults = "; ".join(flag.words for flag in verdict.flags) or "no significant faults"
-    worst = worst_parameter(scores)
-    return (
-        f"`{name}`: {head}; {faults}; worst: {worst}." if worst else f"`{name}`: {head}; {faults}."
-    )
+    return Flag("fails", ALL, share)
 
 
 def worst_parameter(scores: DataFrame) -> str:

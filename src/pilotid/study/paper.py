@@ -124,31 +124,25 @@ def _rows(trial: Trial, pairs: Iterable[tuple[float, float]]) -> list[dict[str, 
 
 def trials(seed: int) -> Iterator[Trial]:
     """What is fitted for Figs 9 to 11."""
-    rejecting, following = SCENARIOS["disturbance-only"], SCENARIOS["target-only"]
-    made: list[tuple[str, int, str, PilotModel, Scenario | Path]] = []
-    for subject in range(1, SUBJECTS + 1):
-        # A lumped fit: the pilot feels motion, and the model has the visual channel alone.
-        pilots = [_pilot(share) for share in MOTION.values()]
-        for condition, truth in zip(MOTION, _scattered(pilots, seed, subject), strict=True):
-            name = f"fig-9-{subject}-{condition}"
-            made.append(
-                ("9", subject, condition, SINGLE, replace(rejecting, name=name, truth=truth))
-            )
-    for figure, base in (("10", rejecting), ("11", following)):
-        for group in range(1, GROUPS + 1):
-            pilots = [_pilot(1.0, more) for more in PERIPHERAL.values()]
-            for condition, truth in zip(PERIPHERAL, _scattered(pilots, seed, group), strict=True):
-                name = f"fig-{figure}-{group}-{condition}"
-                made.append(
-                    (figure, group, condition, MULTI, replace(base, name=name, truth=truth))
-                )
+    # A lumped fit: the pilot feels motion, and the model has the visual channel alone.
+    motion = {condition: _pilot(share) for condition, share in MOTION.items()}
+    cues = {condition: _pilot(1.0, more) for condition, more in PERIPHERAL.items()}
+    for figure, base, model, count, pilots in (
+        ("9", "disturbance-only", SINGLE, SUBJECTS, motion),
+        ("10", "disturbance-only", MULTI, GROUPS, cues),
+        ("11", "target-only", MULTI, GROUPS, cues),
+    ):
+        for subject in range(1, count + 1):
+            own = _scattered([*pilots.values()], seed, subject)
+            for condition, truth in zip(pilots, own, strict=True):
+                name = f"fig-{figure}-{subject}-{condition}"
+                source = replace(SCENARIOS[base], name=name, truth=truth)
+                for method in METHODS:
+                    yield Trial(figure, subject, condition, method, model, source, seed)
     for file in recordings_in(folder_of("yaw"), "yaw"):
-        number, _, motion = file.stem.partition("subj")[2].partition("_")
-        if motion in YAW:
-            made.append((PEOPLE, int(number), YAW[motion], SINGLE, file))
-    for figure, subject, condition, model, source in made:
-        for method in METHODS:
-            yield Trial(figure, subject, condition, method, model, source, seed)
+        number, _, condition = file.stem.partition("subj")[2].partition("_")
+        for method in METHODS if condition in YAW else ():
+            yield Trial(PEOPLE, int(number), YAW[condition], method, SINGLE, file, seed)
 
 
 def _pilot(share: float, vestibular: float = 1.0) -> FloatArray:

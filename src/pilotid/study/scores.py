@@ -213,8 +213,6 @@ def _row(own: dict[str, Any], key: str) -> dict[str, Any]:
     off = bias(values, truth)
     pairs = {
         ("bias", "bias_se"): off,
-        ("std", "std_se"): spread(values),
-        ("rmse", "rmse_se"): rmse(values, truth),
         ("coverage_95", "coverage_se"): cover,
         ("mean_z", "mean_z_se"): clustered_mean(z, of_z),
         ("rms_z", "rms_z_se"): root_mean_square(z, of_z),
@@ -231,6 +229,8 @@ def _row(own: dict[str, Any], key: str) -> dict[str, Any]:
         "truth": truth,
         "crlb": bound,
         "bias_percent": 100.0 * off[0] / truth if truth else math.nan,
+        "std": spread(values),
+        "rmse": rmse(values, truth),
         "mean_std_error": claimed,
         "posterior_std": claimed if own["posterior"].any() else math.nan,
         "coverage_lower": ends[0],
@@ -444,33 +444,22 @@ def bias(values: FloatArray, truth: float) -> Mean:
     """
     if not values.size:
         return Mean(math.nan, math.nan)
-    return Mean(float(np.mean(values) - truth), spread(values).value / math.sqrt(values.size))
+    return Mean(float(np.mean(values) - truth), spread(values) / math.sqrt(values.size))
 
 
-def spread(values: FloatArray) -> Mean:
+def spread(values: FloatArray) -> float:
     """Sample standard deviation, with n - 1 in the denominator.
-
-    Its Monte Carlo error is by the delta method from the fourth moment, which holds for heavy
-    tails too.
 
     Parameters
     ----------
     values
         Estimates, shape (fits,).
     """
-    if values.size < 2:
-        return Mean(math.nan, math.nan)
-    deviation = float(np.std(values, ddof=1))
-    if not deviation > 0.0:
-        return Mean(deviation, math.nan)
-    fourth = float(np.mean((values - np.mean(values)) ** 4))
-    # The variance of a variance estimate, without its terms of order 1/n^2.
-    error = math.sqrt(max(fourth - deviation**4, 0.0) / values.size) / (2.0 * deviation)
-    return Mean(deviation, error)
+    return float(np.std(values, ddof=1)) if values.size > 1 else math.nan
 
 
-def rmse(values: FloatArray, truth: float) -> Mean:
-    """Root mean square error (its Monte Carlo error by the delta method).
+def rmse(values: FloatArray, truth: float) -> float:
+    """Root mean square error.
 
     Parameters
     ----------
@@ -479,7 +468,7 @@ def rmse(values: FloatArray, truth: float) -> Mean:
     truth
         True value, in the same unit.
     """
-    return root_mean_square(values - truth, np.arange(values.size))
+    return math.sqrt(float(np.mean((values - truth) ** 2))) if values.size else math.nan
 
 
 def mean(values: FloatArray) -> float:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import version
-from itertools import chain, count
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +19,6 @@ import numpy as np
 from pilotid.datasets import CATALOGUE, AnyScenario, Population, scenarios_named, simulate
 from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
-from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.method import Method
 from pilotid.jobs import TIME_LIMIT, run_tasks
 from pilotid.methods import label_of, method_named, methods
@@ -41,7 +40,6 @@ from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.store import Key
 from pilotid.support.types import InputError
 
-UNANSWERED = "no answer came"
 LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
 
 
@@ -240,17 +238,10 @@ class Study:
         scheduler: str | None = None,
         time_limit: float | None = TIME_LIMIT,
     ) -> Iterator[Fit]:
-        """Fit what is pending; each result is in the store before it comes out.
-
-        A fit that nobody answered, or for which an answer to another came, is one that failed.
-        """
-        answered: set[Key] = set()
+        """Fit what is pending; each result is in the store before it comes out."""
         tasks = self.tasks(pending)
-        answers = run_tasks(run_task, tasks, given_up, workers, scheduler, time_limit)
-        lost = (key for key in pending if key not in answered)
-        for found in chain(answers, (Fit(*key, Outcome.DIED.slug, UNANSWERED) for key in lost)):
-            answered.add(found.key)
-            fit = found
+        for answer in run_tasks(run_task, tasks, given_up, workers, scheduler, time_limit):
+            fit = answer
             if not fit.estimates:
                 origin, _ = self.pairs[fit.scenario, fit.method]
                 with suppress(InputError):  # of this pilot no bounds can be given
@@ -280,17 +271,8 @@ class Study:
             return store.comparison()
 
     def tasks(self, keys: Iterable[Key]) -> Iterator[Task]:
-        """Fits as they cross to other processes.
-
-        Raises
-        ------
-        InputError
-            If a method or a scenario cannot cross.
-        """
-        contents = {
-            pair: _content(scenario, method, pair[1])
-            for pair, (scenario, method) in self.pairs.items()
-        }
+        """Fits as they cross to other processes."""
+        contents = {pair: packed(tried) for pair, tried in self.pairs.items()}
         for key in keys:
             yield Task(key, self.seed, contents[key[:2]])
 
@@ -330,16 +312,3 @@ def _require_different(what: str, names: Sequence[str]) -> None:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"two of the {what} are called '{twice}'; leave one out or rename it")
-
-
-def _content(scenario: AnyScenario, method: Method, label: str) -> bytes:
-    """A scenario and a method for another process, which must understand them."""
-    for name, thing in ((scenario.name, scenario), (label, method)):
-        try:
-            packed(thing)
-        except Exception as error:
-            raise InputError(
-                f"{name}: cannot be handed to another process ({reason(error)}); let its settings "
-                "be numbers, words and dataclasses"
-            ) from error
-    return packed((scenario, method))
