@@ -305,7 +305,7 @@ def test_the_command_line_fits_a_model_of_one_s_own(own: Path, run: Run) -> None
         ("NAMELESS", "a model has the name 'a b/c'; it must be of letters, digits"),
         ("PARTS", "is no PilotModel; write NAME = PilotModel"),
         ("NOTHING", "holds no 'NOTHING'"),
-        ("LAGGED(gain=1)", "there is no setting 'gain'; its settings are name=lagged"),
+        ("LAGGED(gain=1)", "there is no setting 'gain'; its settings are name"),
         ("BROKEN", "the response of model broken is no number at its start"),
         ("RAISING", "model raising gives no response (ZeroDivisionError: no luck)"),
     ],

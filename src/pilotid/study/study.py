@@ -23,7 +23,7 @@ from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.method import Method
 from pilotid.jobs import TIME_LIMIT, run_tasks
 from pilotid.methods import label_of, method_named, methods
-from pilotid.naming.code import code_digest, own_digest, packed, place_of, reason
+from pilotid.naming.code import code_digest, own_digest, packed, reason
 from pilotid.naming.settings import labelled, plain
 from pilotid.study import paper
 from pilotid.study.run import (
@@ -74,7 +74,9 @@ def method_entry(method: Method, position: int = 0, typed: str = "", label: str 
     registered = method.name in known
     place = known.index(method.name) if registered else len(known) + position
     if not typed:
-        typed = own if registered else labelled(place_of(type(method)), method)
+        kind = type(method)
+        place_in_code = f"{kind.__module__}:{kind.__qualname__}"
+        typed = own if registered else labelled(place_in_code, method)
     return Entry(label or own, place, plain(method), code_digest(method), typed)
 
 
@@ -288,8 +290,7 @@ class Study:
             If a method or a scenario cannot cross.
         """
         contents = {
-            pair: _content(scenario, method, pair[1])
-            for pair, (scenario, method) in self.pairs.items()
+            pair: packed((scenario, method)) for pair, (scenario, method) in self.pairs.items()
         }
         for key in keys:
             yield Task(key, self.seed, contents[key[:2]])
@@ -330,16 +331,3 @@ def _require_different(what: str, names: Sequence[str]) -> None:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"two of the {what} are called '{twice}'; leave one out or rename it")
-
-
-def _content(scenario: AnyScenario, method: Method, label: str) -> bytes:
-    """A scenario and a method for another process, which must understand them."""
-    for name, thing in ((scenario.name, scenario), (label, method)):
-        try:
-            packed(thing)
-        except Exception as error:
-            raise InputError(
-                f"{name}: cannot be handed to another process ({reason(error)}); let its settings "
-                "be numbers, words and dataclasses"
-            ) from error
-    return packed((scenario, method))
