@@ -209,9 +209,6 @@ def test_several_models_are_fitted_and_compared(run: Run, simulated: Path) -> No
     assert entries[1]["estimates"][0]["parameters"] == alone
     for wrong in ("single,nothing", "", ","):
         assert run(*fit, wrong).status == 2
-    refused = run(*fit, "single,multi", "--truth", simulated.with_suffix(".truth.json"))
-    assert refused.status == 2
-    assert "--truth" in refused.err
 
 
 def test_a_changing_model_is_compared_by_the_same_likelihood(run: Run, tmp_path: Path) -> None:

@@ -60,13 +60,11 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "workers": ("", "Processes; default: one for each processor."),
     "out": ("DIR", "Results folder; what is done there is kept."),
     "simulate out": ("F.csv", "Recording to write, .csv, .mat or .npz."),
-    "report out": ("DIR", "Another folder for the report, if DIR is read-only."),
     "force": ("", "Write over files that are there already."),
     "ignore": ("CODE", "Code of a warning that is left out; repeat, or use commas."),
     "plot": ("", "Open the report in a browser, or say where it is."),
     "json": ("F.json|-", "Write the results as JSON; - prints."),
     "report": ("F.html", "Write a report with figures."),
-    "truth": ("F.truth.json", "Draw a simulation's truth in the report."),
     "simulate runs": ("", "Runs, each with its own remnant."),
     "brief": ("", "One line a file, and a summary of many."),
     # Studies.
@@ -80,7 +78,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "time_limit": ("S", "Seconds that a fit may take; 0 for no limit."),
     "retry_failed": ("", "Fit again what crashed, died, or ran out of memory or time."),
     "name": ("NAME", "Which; none lists what there is."),
-    "source": ("FOLDER", "Take the files from here: no download."),
     "kind": ("", "Format of the recordings."),
     "imported": ("F.csv", "Estimates by other programs, in the folder of their `export`."),
     "people": ("NAME", "Published recordings of people instead; see fetch-data."),
@@ -104,7 +101,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
 ONLY = Parameter.KEYWORD_ONLY
 #: Options that are not called like their parameters, which are reserved words or other things.
 SPELLED = {
-    **{"mapping": "--map", "estimates": "--from", "source": "--from"},
+    **{"mapping": "--map", "estimates": "--from"},
     **{"imported": "--estimates", "kind": "--format"},
 }
 

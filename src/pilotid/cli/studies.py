@@ -144,14 +144,12 @@ def export(
     show(make_console(), words, fits)
 
 
-def report(folder: Path, *, out: Path | None = None, force: bool = False) -> None:
+def report(folder: Path) -> None:
     """Make the tables and the report of a comparison again, from its store alone."""
     from pilotid.study.table import Store
 
     with Store(folder) as store:
-        if out is not None:
-            disk.require_folder(out, TABLES, force=force)
-        _finish(out or folder, store)
+        _finish(folder, store)
 
 
 def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
@@ -240,10 +238,10 @@ def trust(
     show(make_console(), *shown, *words, *advice(told), UNKNOWN, written)
 
 
-def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
+def fetch_data(name: str | None = None) -> None:
     """Fetch published recordings of people into the user's cache, or list them."""
     console = make_console()
-    folder = None if name is None else fetch(name, source)
+    folder = None if name is None else fetch(name)
     for people in PEOPLE.values():
         if name in (None, people["name"]):
             told = [f"{fact}: {text}" for fact, text in people.items() if text and fact != "name"]

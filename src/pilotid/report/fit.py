@@ -24,7 +24,6 @@ from pilotid.plots.style import leading
 from pilotid.report.page import Figure, render
 from pilotid.support.format import Line, show
 from pilotid.support.remarks import counted_grades
-from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -38,10 +37,7 @@ POORLY = 0.5
 
 
 def html_report(
-    fits: Sequence[Fitted],
-    truth: FloatArray | None = None,
-    *,
-    points: Sequence[FrequencyResponse | None] | None = None,
+    fits: Sequence[Fitted], points: Sequence[FrequencyResponse | None] | None = None
 ) -> str:
     """The report as one HTML text that needs no network; equal fits give equal bytes.
 
@@ -49,8 +45,6 @@ def html_report(
     ----------
     fits
         What was fitted.
-    truth
-        True parameters of a simulation, to be drawn beside the frequency responses.
     points
         For each fit an estimate of the responses without a model of the pilot, or None; see
         `figures_of`.
@@ -58,7 +52,7 @@ def html_report(
     shown = []
     behind = points or [None] * len(fits)
     for number, (fit, own) in enumerate(zip(fits, behind, strict=True), start=1):
-        figures = [replace(f, name=f"{f.name}-{number}") for f in figures_of(fit, own, None, truth)]
+        figures = [replace(f, name=f"{f.name}-{number}") for f in figures_of(fit, own)]
         content = {**words_of(fit), **tables_of(fit, ABREAST)}
         shown.append({"key": f"recording-{number}", **content, "figures": figures})
     contents = [(own["key"], own["heading"]) for own in shown]
@@ -277,7 +271,6 @@ def figures_of(
     fit: Fitted,
     points: FrequencyResponse | None = None,
     element: ControlledElement | None = None,
-    truth: FloatArray | None = None,
 ) -> Iterator[Figure]:
     """All figures that a recording's estimates allow, in the order of a page.
 
@@ -292,8 +285,6 @@ def figures_of(
     element
         The controlled element, for the open loops; None for that of the fit or, where it has
         none, that which the recording names.
-    truth
-        True parameters of a simulation, shape (parameters,).
     """
     recording = fit.recording
     shown = [e for e in fit.estimates if np.isfinite(e.values).all()]
@@ -310,7 +301,7 @@ def figures_of(
     if shown or first_steps:
         either = [e for e in fit.estimates if e in shown or e in first_steps]
         behind = None if first_steps else points
-        figure = plots.response_figure(either, truth, points=behind, units=recording.units)
+        figure = plots.response_figure(either, points=behind, units=recording.units)
         yield Figure("describing-function", figure, _response_words(either, first_steps, behind))
     if chosen is None:
         return
