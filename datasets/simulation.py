@@ -290,14 +290,11 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
     samples = shared.time.size
     noise = shared.level * scenario.remnant.white_noise(rng, (scenario.runs, shared.grid))
     spectrum = np.fft.rfft(noise) * shared.remnant_to_n
-    if scenario.changes or (scenario.violation is not None and scenario.violation.in_loop):
+    if scenario.changes or scenario.violation is not None:
         u, x = stepped(scenario, np.fft.irfft(spectrum), linear_rms(scenario))
     else:
         u = shared.u_forced + np.fft.irfft(spectrum * shared.loop.u["remnant"])[:, :samples]
         x = shared.x_forced + np.fft.irfft(spectrum * shared.loop.x["remnant"])[:, :samples]
-    if scenario.violation is not None:
-        rms = linear_rms(scenario)
-        u = scenario.violation.recorded(u, shared.time / scenario.duration, rms, rng)
     forcing = {"ft": scenario.target, "fd": scenario.disturbance}
     return Recording(
         dt=scenario.dt,

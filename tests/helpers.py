@@ -208,6 +208,19 @@ def leading_recording(lead: float = 0.2) -> Recording:
     return Recording(dt=dt, e=e[None], u=0.5 * ahead[None], x=-e[None], run_in=run_in)
 
 
+def changing_half_way(scenario: Scenario, shares: dict[str, float], seed: int) -> Recording:
+    """A recording of a pilot each of whose parameters jumps by twice a share, half-way."""
+    halves = []
+    for side in (-1.0, 1.0):
+        pairs = zip(scenario.model.keys, scenario.truth, strict=True)
+        truth = tuple(value * (1.0 + side * shares.get(key, 0.0)) for key, value in pairs)
+        halves.append(simulate(replace(scenario, truth=truth), np.random.default_rng(seed)))
+    first, second = halves
+    late = first.time >= 0.5 * first.duration
+    arrays = {name: np.where(late, second.arrays[name], s) for name, s in first.arrays.items()}
+    return first.with_arrays(arrays)
+
+
 def running_away(recording: Recording) -> Recording:
     """The recording with a growing oscillation of 3 rad/s in the control.
 
