@@ -113,7 +113,7 @@ def test_sound_recordings_have_no_findings(name: str) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "name", ["population-usual", "population-aperiodic", "population-rates", "population-inner"]
+    "name", ["population-usual", "population-aperiodic", "population-recorded"]
 )
 def test_sound_populations_have_no_grave_findings(name: str) -> None:
     for number in range(40):
