@@ -86,7 +86,7 @@ class Scenario:
     units
         Names of signals and their units.
     family, varied
-        Scenarios of one family differ in one number alone, such as ``duration`` or
+        Scenarios of one family differ in one number alone, such as ``runs`` or
         ``remnant.level``; reports draw errors over it.  Those of the family ``violation``
         and ``recorder`` differ in that.
     """
@@ -138,16 +138,11 @@ class Scenario:
         if not estimate.outcome.usable or estimate.remnant is None:
             why = "has no remnant" if estimate.outcome.usable else estimate.sentence
             raise InputError(f"{source}: the fit by {estimate.method} cannot be simulated: {why}")
-        if model.changes:
+        if model.changes or model.extra:
+            why = f"acts on {', '.join(model.extra)}" if model.extra else "varies in time"
             raise InputError(
-                f"{source}: model {model.name} varies in time, and its fit cannot be simulated; "
-                "name a model of a constant pilot"
-            )
-        if model.extra:
-            raise InputError(
-                f"{source}: model {model.name} acts on {', '.join(model.extra)}, and its fit "
-                "cannot be simulated, since how the loop moves that is not known; name a model of "
-                "e, x and ft"
+                f"{source}: model {model.name} {why}, and its fit cannot be simulated; name a "
+                "model of a constant pilot who acts on e, x and ft"
             )
         element, unknown = closing_element(recording)
         if element is None:
@@ -262,18 +257,8 @@ def _of_the_paper() -> list[Scenario]:
     ]
 
 
-def _beyond_the_paper() -> list[Scenario]:
-    lengths = [
-        _varied(
-            f"length-{duration:.0f}",
-            f"nominal with a window of {duration:.4g} s",
-            duration=duration,
-            family="length",
-            varied="duration",
-        )
-        for duration in (0.25 * PERIOD, 0.5 * PERIOD, 2 * PERIOD, 4 * PERIOD)
-    ]
-    runs = [
+def _of_several_runs() -> list[Scenario]:
+    return [
         _varied(
             f"runs-{runs}",
             f"nominal with {runs} runs, fitted jointly",
@@ -283,7 +268,6 @@ def _beyond_the_paper() -> list[Scenario]:
         )
         for runs in (2, 5, 10)
     ]
-    return [*lengths, *runs]
 
 
 def _trained() -> Scenario:
@@ -373,7 +357,7 @@ SCENARIOS: dict[str, Scenario] = {
     s.name: s
     for s in (
         *_of_the_paper(),
-        *_beyond_the_paper(),
+        *_of_several_runs(),
         _trained(),
         *_violated(),
         *_recorded(),

@@ -112,9 +112,7 @@ def test_sound_recordings_have_no_findings(name: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "name", ["population-usual", "population-aperiodic", "population-recorded"]
-)
+@pytest.mark.parametrize("name", ["population-usual", "population-aperiodic"])
 def test_sound_populations_have_no_grave_findings(name: str) -> None:
     for number in range(40):
         drawn = scenario_named(name).drawn(start_rng(11, name, number))

@@ -199,10 +199,10 @@ def fit(
 
     entries = [fitted.to_dict() for fitted in fits]
     if json:
-        from pilotid.datasets.named import fitted_scenario, model_place
+        from pilotid.datasets.named import fitted_scenario
 
         for entry, fitted in zip(entries, fits, strict=True):
-            if scenario := fitted_scenario(fitted, model_place(model)):
+            if scenario := fitted_scenario(fitted):
                 entry["scenario"] = scenario
     printed = options.write_json(json, entries)
     if plot and report is None:

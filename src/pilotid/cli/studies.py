@@ -212,7 +212,6 @@ def trust(
 
     The first method that is named is the one whose fit is judged, else mle.
     """
-    from pilotid.datasets.named import model_place
     from pilotid.methods import methods
     from pilotid.report.study import overview, write_report
     from pilotid.report.study_tables import advice, trust_table
@@ -229,7 +228,7 @@ def trust(
     def progress(results: Iterator[Fit], counts: Mapping[str, int]) -> Iterator[Fit]:
         return with_bar(results, "fits", sum(counts.values()))
 
-    found = trial.run(out, replications, seed, workers, model_place(model), progress)
+    found = trial.run(out, replications, seed, workers, progress)
     page = write_report(out, found.comparison)
     told = found.to_dict()
     words, losses, rankings = overview(found.comparison)
@@ -322,7 +321,6 @@ def design(
     from pilotid.datasets import Scenario, scenario_named
     from pilotid.datasets.design import design as designed
     from pilotid.datasets.design import scenario_of_fit, write_files
-    from pilotid.datasets.named import model_place
     from pilotid.report.design import error_table, sentences, write_report
 
     read = [Path(path) for path in (scenario, estimates) if path is not None]
@@ -337,6 +335,6 @@ def design(
         made = designed(chosen, minimise, options.numbers_in("--limit", limit))
     command = shlex.join(options.TYPED)
     about = {"pilotid": version("pilotid"), "command": command}
-    write_files(out, made, about, model_place(scenario or ""))
+    write_files(out, made, about)
     page = write_report(out, made, command)
     show(make_console(), error_table(made), *sentences(made), f"report: {page}")
