@@ -69,9 +69,6 @@ class Scenario:
         Measurement window, run-in before it, sampling interval [s].
     runs
         Runs per recording, with the same forcing and independent remnants.
-    alternating
-        Whether the disturbance has the other sign in every other run, by which the answers to it
-        and to the target are told apart at lines that both have.
     start_spread
         Where methods start: 0 for the model's own, generic initial guesses; otherwise they are
         drawn within this share of the truth, for each replication the same for all methods.
@@ -103,7 +100,6 @@ class Scenario:
     run_in: float = 8.0
     dt: float = 0.02
     runs: int = 1
-    alternating: bool = False
     start_spread: float = 0.0
     one_recording: bool = False
     violation: Violation | None = None
@@ -160,8 +156,6 @@ class Scenario:
             loop = element.response(omega) * sum(pilot_on(model, omega, estimate.values))
             return np.asarray(1.0 / np.abs(1.0 + loop) ** 2)
 
-        target, _ = recorded_forcing(recording, "ft")
-        disturbance, alternating = recorded_forcing(recording, "fd")
         stem = name_of(Path(source).stem).strip(".")
         return checked(
             cls(
@@ -171,14 +165,13 @@ class Scenario:
                 tuple(estimate.values.tolist()),
                 # Methods have to find what the recording does not name.
                 replace(element, name="") if unknown else element,
-                target,
-                disturbance,
+                recorded_forcing(recording, "ft"),
+                recorded_forcing(recording, "fd"),
                 recorded_remnant(estimate.remnant, recording, to_control),
                 duration=recording.duration,
                 run_in=recording.run_in * recording.dt,
                 dt=recording.dt,
                 runs=recording.runs,
-                alternating=alternating,
                 recorder=recorded_noise(recording),
                 units=tuple(recording.units.items()),
             )

@@ -74,7 +74,6 @@ def test_forcing_functions_are_as_recorded() -> None:
     assert recording.fd is not None
     np.testing.assert_allclose(made.disturbance.at(recording.time), recording.fd[0], atol=1e-9)
     assert (made.dt, made.duration, made.run_in, made.runs) == (0.02, 81.92, 8.0, 2)
-    assert not made.alternating
     assert made.truth == tuple(estimate.values.tolist())
     assert isinstance(made.remnant, TabulatedRemnant)
 
@@ -91,9 +90,8 @@ def test_a_target_without_periods_is_recorded_too() -> None:
     assert abs(np.log(power(again, again.u) / power(recording, recording.u))) < 0.4
 
 
-def test_runs_with_a_disturbance_of_alternating_sign() -> None:
-    recording, estimate = fitted(replace(RECORDED, alternating=True))
-    assert Scenario.from_fit(estimate, recording).alternating
+def test_runs_with_other_disturbances_are_refused() -> None:
+    recording, estimate = fitted(RECORDED)
     assert recording.fd is not None
     other = np.array([recording.fd[0], np.roll(recording.fd[0], 500)])
     with pytest.raises(InputError, match="fd differs from run to run"):
