@@ -16,7 +16,6 @@ from pilotid.datasets.forcing import (
     Forcing,
     adaptation_target,
     half_and_half_step,
-    interleaved_sines,
     paper_disturbance,
     paper_target,
 )
@@ -25,7 +24,7 @@ from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.violations import ElementChange, Kind, Violation
 from pilotid.element_fit import closing_element
 from pilotid.estimate.estimate import Estimate
-from pilotid.model.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
+from pilotid.model.catalogue import ADAPTING, MULTI, SINGLE
 from pilotid.model.element import ControlledElement, double_integrator
 from pilotid.model.loops import is_stable, pilot_on
 from pilotid.model.model import PilotModel
@@ -38,13 +37,6 @@ from pilotid.support.types import FloatArray, InputError
 PILOT_IN_MOTION = (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)
 PILOT_AT_REST = (0.32, 1.68, 0.39, 12.0, 0.3)
 
-#: Pilots in motion at the end of training in Pool, Harder and van Paassen (2016), their gains
-#: times that of the stick: Kvis, tlead, tlag, tdvis, Kvest, tdvest, fnm, dnm; and what they flew.
-#: That their motion channel has canals follows from the loop: it is unstable with rate feedback.
-PILOT_TRAINED = (4.75 * 0.2865, 0.30, 0.95, 0.22, 3.00 * 0.2865, 0.19, 14.0, 0.30)
-TRAINED = ControlledElement(
-    (10.62, 10.62 * 0.99), (1.0, 2.58, 7.61, 0.0), name="10.62(s+0.99)/(s(s^2+2.58s+7.61))"
-)
 #: Units of signals unless a scenario has others.
 DEGREES = tuple((name, "deg") for name in SIGNALS)
 
@@ -263,21 +255,6 @@ def _of_several_runs() -> list[Scenario]:
     ]
 
 
-def _trained() -> Scenario:
-    target, disturbance = interleaved_sines(20, TRAINED.response)
-    return Scenario(
-        "training",
-        "a trained pilot in motion, lead squared over lag, 20 + 20 lines (Pool, Harder & van "
-        "Paassen 2016; forcing amplitudes and remnant level are not theirs)",
-        model=LEAD2_LAG_MOTION,
-        truth=PILOT_TRAINED,
-        element=TRAINED,
-        target=target,
-        disturbance=disturbance,
-        remnant=Remnant(order=1, frequency=1.0 / 0.46, level=0.15, level_is="ratio"),
-    )
-
-
 def _violated() -> list[Scenario]:
     cases: dict[Kind, tuple[float, str]] = {
         "threshold": (0.25, "that is zero while the command is below a quarter of its rms"),
@@ -351,7 +328,6 @@ SCENARIOS: dict[str, Scenario] = {
     for s in (
         *_of_the_paper(),
         *_of_several_runs(),
-        _trained(),
         *_violated(),
         *_recorded(),
         *_changing(),

@@ -24,6 +24,7 @@ from pilotid.model.catalogue import (
     RATE,
 )
 from pilotid.model.element import (
+    ControlledElement,
     double_integrator,
     element_named,
     integrator_with_lag,
@@ -38,6 +39,8 @@ from pilotid.support.types import FloatArray
 NOMINAL = SCENARIOS["nominal"]
 SINGLE_LOOP = SCENARIOS["single"]
 
+#: What trained pilots flew in Pool, Harder and van Paassen (2016).
+TRAINED = ControlledElement((10.62, 10.62 * 0.99), (1.0, 2.58, 7.61, 0.0), name="trained")
 #: A pilot of each model of the catalogue, in a stable loop, by the model's name.
 PILOTS = {
     scenario.model.name: scenario
@@ -84,9 +87,15 @@ PILOTS = {
             name="lead2-lag",
             model=LEAD2_LAG,
             truth=(0.8, 0.45, 0.8, 0.22, 13.0, 0.35),
-            element=SCENARIOS["training"].element,
+            element=TRAINED,
         ),
-        SCENARIOS["training"],
+        replace(
+            NOMINAL,
+            name="lead2-lag-motion",
+            model=MODELS["lead2-lag-motion"],
+            truth=(4.75 * 0.2865, 0.30, 0.95, 0.22, 3.00 * 0.2865, 0.19, 14.0, 0.30),
+            element=TRAINED,
+        ),
         replace(
             NOMINAL,
             name="crossover",
