@@ -21,7 +21,7 @@ from pilotid.recording.files import Reading, read_with
 from pilotid.recording.recording import Recording
 from pilotid.support import disk
 from pilotid.support.disk import strict_json, write_file
-from pilotid.support.numbers import ARGUMENTS, ranged
+from pilotid.support.numbers import ranged
 from pilotid.support.types import InputError
 
 #: Metavar and help of arguments and options by name, or by command and name where a command means
@@ -41,7 +41,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "runs": ("2-5", "The runs to use, as in 2-5 or 1,3."),
     "span": ("0:41", "The seconds of the window to use, START:END."),
     "element": ("15/s^2", "Controlled element; else the file's, or what u and x show."),
-    "check element": ("4/s^2", "Controlled element, to compare with what is seen."),
     # Models, methods and scenarios.
     "model": ("NAME|auto", "Pilot model: single, multi, file.py:NAME; auto takes the best."),
     "check model": ("NAME,...", "Models of which is told what methods can do."),
@@ -50,7 +49,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "scenario": ("NAME", "'nominal(runs=3)', file.py:NAME; repeat, use commas, or say all."),
     "simulate scenario": ("SCENARIO", "See `pilotid list`."),
     "export scenario": ("SCENARIO", "See `pilotid list`; several with commas."),
-    "export out": ("DIR", "Folder of the recordings."),
     "design scenario": ("[SCENARIO]", "Pilot, loop, remnant and reference forcing; else nominal."),
     "like": ("FILE", "The scenario of a recording as mle fits it, or of a trust.json."),
     "fix": ("fnm=12,dnm=.1..0.5", "Parameters held at a value, or searched between others."),
@@ -72,8 +70,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
         "quick|full|paper",
         "full: 500 recordings of every scenario; paper: AIAA 2008-7109 on a page of its own.",
     ),
-    "replications": ("", "Recordings of each scenario."),
-    "trust replications": ("", "Simulations of the recording."),
+    "replications": ("", "Recordings of each scenario; of trust: simulations."),
     "scheduler": ("ADDRESS", "Use the workers of this Dask scheduler instead."),
     "time_limit": ("S", "Seconds that a fit may take; 0 for no limit."),
     "retry_failed": ("", "Fit again what crashed, died, or ran out of memory or time."),
@@ -120,11 +117,9 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     def described(name: str, kind: Any, usual: Any, how: Any = ONLY) -> Parameter:
         metavar, text = MEANINGS.get(f"{function.__name__} {name}") or MEANINGS[name]
         about: dict[str, Any] = {"metavar": metavar or None, "help": text}
-        if (known := ARGUMENTS.get(name)) is not None and known.whole and kind is not str:
-            about["min"] = int(known.low)
         info = typer.Option(spelled(name), **about)
         if how is not ONLY:
-            info = typer.Argument(readable=name != "files", **about)
+            info = typer.Argument(**about)
         return Parameter(name, how, default=usual, annotation=Annotated[kind, info])
 
     parameters = signature(function, eval_str=True).parameters

@@ -109,19 +109,14 @@ def compare(
         unanswered = sum(result.message == UNANSWERED for result in told)
         _finish(out, store, plot=plot)
         if profile == "paper" and not (scenario or method):
-            repeat_paper(out, store, seed, workers)
+            from pilotid.report.paper import write_paper
+            from pilotid.study.paper import fit_trials
+
+            page = write_paper(out, store.comparison(), fit_trials(seed, workers))
+            show(make_console(), f"the paper's tables and figures: {page}")
     if unanswered:
         make_console(errors=True).print(f"pilotid: {unanswered} fits gave no answer")
         raise typer.Exit(1)
-
-
-def repeat_paper(folder: Path, store: Store, seed: int, workers: int | None) -> None:
-    """Write the page that has the paper's tables and figures."""
-    from pilotid.report.paper import write_paper
-    from pilotid.study.paper import fit_trials
-
-    page = write_paper(folder, store.comparison(), fit_trials(seed, workers))
-    show(make_console(), f"the paper's tables and figures: {page}")
 
 
 def export(
