@@ -389,7 +389,7 @@ def test_fit_and_simulate_take_code_and_settings_too(run: Run, own: Path, tmp_pa
     refused(run(*fit, f"{own}:Yours"), "holds no 'Yours'", "Mine")
     refused(run(*fit, f"{own}:ONE"), "is no method")
     refused(run("compare", "--scenario", f"{own}:Mine", "--out", tmp_path), "is no Scenario")
-    refused(run("compare", "--scenario", "single(run=2)", "--out", tmp_path), "'run'", "runs=1")
+    refused(run("compare", "--scenario", "single(run=2)", "--out", tmp_path), "'run'", "runs")
 
 
 def test_a_bad_file_does_not_cost_the_others(run: Run, simulated: Path, tmp_path: Path) -> None:
