@@ -378,8 +378,8 @@ def scenario_of_fit(path: Path, scenario: Scenario | None = None) -> Scenario:
 # ----------------------------------------------------------------------------------- files
 
 
-def write_files(folder: Path, made: Design, about: dict[str, Any], place: str = "") -> None:
-    """Write design.json and forcing.csv; a model that is not the catalogue's is found at `place`.
+def write_files(folder: Path, made: Design, about: dict[str, Any]) -> None:
+    """Write design.json and forcing.csv.
 
     The measurement window begins at t = 0.  Before it the signals run on from the run-in's
     beginning, where they are faded in; after it they are faded out.
@@ -396,7 +396,7 @@ def write_files(folder: Path, made: Design, about: dict[str, Any], place: str = 
         "binding": made.binding,
         **{name: getattr(made, name) for name in (*names, "costs")},
         "signals": signals,
-        "scenario": scenario_json(scenario, place),
+        "scenario": scenario_json(scenario),
     }
     write_file(folder / "design.json", strict_json(held).encode())
     time: FloatArray = scenario.dt * np.arange(

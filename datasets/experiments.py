@@ -52,11 +52,6 @@ def experiment_of(scenario: Scenario) -> Experiment:
             f"scenario {scenario.name}: bounds for a multisine together with another kind of "
             "forcing function are not implemented"
         )
-    if scenario.alternating and (scenario.runs % 2 or len(sines) < len(forcing)):
-        raise InputError(
-            f"scenario {scenario.name}: bounds for a disturbance that alternates are for sums of "
-            "sines in an even number of runs"
-        )
     omega, error, output = _phasors(scenario, sines)
     return Experiment(
         model=scenario.model,
@@ -77,8 +72,7 @@ def _phasors(
 ) -> tuple[FloatArray, ComplexArray, ComplexArray]:
     """Frequencies of the lines, and the phasors of e and x there.
 
-    A line that both causes have is one line, and phases count.  If the disturbance alternates
-    it is two: over the runs whatever is a product of both causes cancels out.
+    A line that both causes have is one line, and phases count.
     """
     each = [(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0, dtype=complex))]
     for f, cause in sines:
@@ -86,8 +80,6 @@ def _phasors(
         e, x = inputs_of(scenario, f.omega, cause)
         each.append((f.omega, e * phasors, x * phasors))
     omega, error, output = (np.concatenate(parts) for parts in zip(*each, strict=True))
-    if scenario.alternating:
-        return omega, error, output
     lines, at = np.unique(omega, return_inverse=True)
     sums = np.zeros((2, lines.size), dtype=complex)
     np.add.at(sums[0], at, error)

@@ -172,42 +172,6 @@ def adaptation_target() -> Multisine:
     )
 
 
-def interleaved_sines(
-    count: int, disturbed: Response, period: float = PERIOD
-) -> tuple[Multisine, Multisine]:
-    """A target and a disturbance of the paper's spectrum, on lines of their own.
-
-    The lines lie evenly on a logarithmic scale from 0.38 to 17 rad/s, one function's between
-    those of the other; amplitudes follow the magnitude of (1 + 0.1 jw)^2/(1 + 0.8 jw)^2 of
-    AIAA 2008-7109, phases Schroeder (IEEE Trans. Information Theory 16, 1970), who keeps peaks
-    low.
-
-    Parameters
-    ----------
-    count
-        Lines of each.
-    disturbed
-        Response of the controlled element: what it makes of the disturbance has the target's
-        spectrum.
-    period
-        Period of line 1 [s].
-    """
-    lines: list[int] = []
-    for wanted in np.geomspace(5.0, 222.0, 2 * count):
-        lines.append(max(round(float(wanted)), lines[-1] + 1 if lines else 1))
-    made: list[Multisine] = []
-    for own in (lines[1::2], lines[::2]):
-        omega = 2.0 * np.pi * np.array(own) / period
-        size = np.abs((1.0 + 0.1j * omega) / (1.0 + 0.8j * omega)) ** 2
-        size *= np.sqrt(2.0 / np.sum(size**2))  # of variance 1
-        if made:
-            size /= np.abs(disturbed(omega))
-        phases = -np.pi * np.arange(count) ** 2 / count
-        amplitudes = tuple(float(a) for a in size)
-        made.append(Multisine(tuple(own), amplitudes, tuple(float(p) for p in phases), period))
-    return made[0], made[1]
-
-
 def half_and_half_step(duration: float, size: float = 1.0) -> Steps:
     """A positive step for the first half of the run, a negative one for the second.
 

@@ -15,10 +15,9 @@ from pilotid.datasets.remnant import Remnant, TabulatedRemnant
 from pilotid.datasets.scenarios import DEGREES, SCENARIOS, Scenario, checked
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.estimate.fitted import Fitted
-from pilotid.model.catalogue import MODELS, model_named
+from pilotid.model.catalogue import model_named
 from pilotid.model.element import ControlledElement
 from pilotid.model.loops import margins
-from pilotid.model.model import PilotModel
 from pilotid.naming.code import is_place, taken
 from pilotid.naming.settings import from_catalogue, name_of, plain, require_name
 from pilotid.recording.spectra import known_lines
@@ -95,43 +94,31 @@ def sound(thing: object) -> AnyScenario:
     return known
 
 
-def scenario_json(scenario: Scenario, place: str = "") -> dict[str, Any]:
-    """A scenario with sums of sines as plain objects.
+def scenario_json(scenario: Scenario) -> dict[str, Any]:
+    """A scenario with sums of sines as plain objects, its model by name.
 
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    place
-        Where a model that is not the catalogue's is found, ``file.py:NAME``, by itself or in a
-        scenario.
+    `designed_scenario` reads it again where the model is one of the catalogue.
 
     Raises
     ------
     InputError
-        If its model is not found there, or it has other forcing functions.
+        If it has other forcing functions, or a violation of assumptions.
     """
-    model = scenario.model.name if MODELS.get(scenario.model.name) == scenario.model else place
-    if not model or _model(model) != scenario.model:
-        raise InputError(
-            f"scenario {scenario.name}: its model {scenario.model.name} is not one of the "
-            "catalogue; name it with --model file.py:NAME, so that the design can be read again"
-        )
-    held = plain(scenario)
     for name in ("target", "disturbance"):
         if not isinstance(getattr(scenario, name), Multisine | None):
             raise InputError(f"scenario {scenario.name}: its {name} is no sum of sines")
     if scenario.violation is not None:
         raise InputError(f"scenario {scenario.name}: a design has no violation of assumptions")
+    held = plain(scenario)
     for name in ("class", "violation", "family", "varied", "start_spread", "one_recording"):
         held.pop(name)
-    return {**held, "model": model}
+    return {**held, "model": scenario.model.name}
 
 
-def fitted_scenario(fitted: Fitted, place: str = "") -> dict[str, Any] | None:
+def fitted_scenario(fitted: Fitted) -> dict[str, Any] | None:
     """What would be recorded if a fit were the truth, as `scenario_json` has it.
 
-    None where no estimate can be simulated, or the forcing functions are no sums of sines.
+    None where no estimate can be simulated, or where the file cannot hold its scenario.
     """
     if not known_lines(fitted.recording) or fitted.loop_element is None:
         return None
@@ -140,30 +127,8 @@ def fitted_scenario(fitted: Fitted, place: str = "") -> dict[str, Any] | None:
         # Starts and bounds of the search are none of the pilot's.
         model = replace(estimate.model, overrides=())
         with suppress(InputError):
-            found = Scenario.from_fit(replace(estimate, model=model), recording)
-            return scenario_json(found, place)
+            return scenario_json(Scenario.from_fit(replace(estimate, model=model), recording))
     return None
-
-
-def model_place(text: str) -> str:
-    """Where the model of a scenario that is named so is found; empty for the catalogue's."""
-    if is_place(text):
-        return text
-    if not text.strip().lower().endswith(".json"):
-        return ""
-    try:
-        return str(json.loads(Path(text.strip()).read_text(encoding="utf-8"))["scenario"]["model"])
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):
-        return ""
-
-
-def _model(text: str) -> PilotModel:
-    """A model of the catalogue, one of somebody's own, or that of a scenario of their own."""
-    if not is_place(text):
-        return model_named(text)
-    thing = taken(text)
-    model = thing.model if isinstance(thing, Scenario) else model_named(text)
-    return model
 
 
 def designed_scenario(path: Path) -> Scenario:
@@ -179,7 +144,7 @@ def designed_scenario(path: Path) -> Scenario:
     require_file(path, LARGEST)
     try:
         held = dict(json.loads(path.read_text(encoding="utf-8"))["scenario"])
-        model = _model(str(held.pop("model")))
+        model = model_named(str(held.pop("model")))
         kinds: dict[str, Any] = {
             "truth": tuple[float, ...],
             "element": ControlledElement,
@@ -206,16 +171,7 @@ def designed_scenario(path: Path) -> Scenario:
 
 def truth(scenario: Scenario) -> dict[str, object]:
     """What a scenario's recordings were made of, as plain objects."""
-    loops = []
-    for end, _ in scenario.constant_ends:
-        target, disturbance = margins(end.model, end.values, end.element)
-        loops.append({"target": asdict(target), "disturbance": asdict(disturbance)})
-    change = (
-        {} if scenario.change is None else {"controlled_element_change": asdict(scenario.change)}
-    )
-    recorder = {} if scenario.recorder is None else {"recorder": asdict(scenario.recorder)}
-    after = {"loops_after_the_change": loops[1]} if len(loops) > 1 else {}
-    return {
+    made = {
         "scenario": scenario.name,
         "description": scenario.description,
         "model": scenario.model.name,
@@ -226,8 +182,14 @@ def truth(scenario: Scenario) -> dict[str, object]:
         },
         "remnant": {**asdict(scenario.remnant), "expected_power_ratio": remnant_ratio(scenario)},
         "controlled_element": asdict(scenario.element),
-        **change,
-        **recorder,
-        "loops": loops[0],
-        **after,
     }
+    for name, part in (
+        ("controlled_element_change", scenario.change),
+        ("recorder", scenario.recorder),
+    ):
+        if part is not None:
+            made[name] = asdict(part)
+    for name, (end, _) in zip(("loops", "loops_after_the_change"), scenario.constant_ends):  # noqa: B905
+        target, disturbance = margins(end.model, end.values, end.element)
+        made[name] = {"target": asdict(target), "disturbance": asdict(disturbance)}
+    return made

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import os
-import shutil
 from pathlib import Path
 
 from pilotid.support.types import InputError
@@ -53,15 +52,13 @@ def folder_of(name: str) -> Path:
     return Path(os.environ.get(FOLDER) or pooch.os_cache("pilotid")) / name
 
 
-def fetch(name: str, source: Path | None = None) -> Path:
+def fetch(name: str) -> Path:
     """The folder with the files of an experiment, which are fetched where they are not there yet.
 
     Parameters
     ----------
     name
         One of `PEOPLE`.
-    source
-        A folder that has the files, to take them from; None to download them.
 
     Raises
     ------
@@ -72,21 +69,16 @@ def fetch(name: str, source: Path | None = None) -> Path:
 
     if name not in PEOPLE:
         raise InputError(f"unknown data {name!r:.50}: choose from {', '.join(PEOPLE)}")
-
-    def copy(address: str, target: str, _: object) -> None:
-        assert source is not None
-        shutil.copy(source / address.rpartition("/")[2], target)
-
     people = PEOPLE[name]
     pooch.get_logger().setLevel("WARNING")
     folder = folder_of(name)
     files = pooch.create(folder, people["address"], registry=published(name))
     for file in files.registry:
         try:
-            files.fetch(file, downloader=copy if source else None)
+            files.fetch(file)
         except (OSError, ValueError) as error:  # those of the network are of the first kind
             raise InputError(
                 f"{name}: {file} cannot be had ({error}); get the files from "
-                f"{people['source']} and name their folder with --from FOLDER"
+                f"{people['source']} and put them into {folder}"
             ) from error
     return folder

@@ -12,9 +12,6 @@ a sensible margin:
   Cybernetics 46, 2016), whose text has one second of preview; people who follow a target by hand:
   around Bonnen et al. (Journal of Vision 15(3), 2015), whose runs are short and many, and whose
   targets have no period;
-- models `pursuit` (feedforward of .4 to 1 times the inverse of the element, near which Drop et al.,
-  IEEE Trans. Cybernetics 43, 2013, found it), `crossover`, `precision`, `structural` and
-  `descriptive`: ranges chosen here, for loops that cross over where pilots' do;
 - crossover 1 to 5 rad/s over controlled elements K, K/s and K/s^2 (McRuer and Jex, IEEE
   Trans. HFE-8, 1967);
 - forcing functions: sums of 7 to 13 sines per signal, from about .3 to 17 rad/s, with the
@@ -32,7 +29,7 @@ import numpy as np
 
 from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.recorder import Recorder, drawn_faulty_recorder, drawn_recorder
-from pilotid.datasets.remnant import Place, Remnant
+from pilotid.datasets.remnant import Remnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import white_level
 from pilotid.model.catalogue import MODELS as CATALOGUE
@@ -44,7 +41,6 @@ from pilotid.model.element import (
     second_order,
     single_integrator,
 )
-from pilotid.model.factors import Factor, InnerLoop
 from pilotid.model.loops import is_stable, margins, open_loops
 from pilotid.model.model import PilotModel
 from pilotid.support.types import FloatArray, InputError
@@ -73,23 +69,7 @@ RANGES = {
     "tlookn": (0.1, 0.4),
     "fnm": (6.5, 15.0),
     "dnm": (0.12, 0.65),
-    "wc": (1.0, 5.0),
-    "tde": (0.15, 0.45),
-    "tleadlow": (1.5, 4.0),
-    "tlaglow": (4.0, 15.0),
-    "Kpf": (0.5, 5.0),
-    "tpf": (0.15, 1.5),
-    "Koto": (0.03, 0.3),
 }
-#: The same where a model's differ.
-OWN_RANGES = {
-    "pursuit": {"tlead": (0.15, 1.0), "Kt": (0.4, 1.0)},
-    "precision": {"tlead": (0.1, 0.5), "tlag": (0.1, 0.5)},
-    "structural": {"dnm": (0.3, 0.9)},
-}
-#: Gains on motion, and those that are a share of the inverse of the element.
-ON_MOTION, OF_INVERSE = ("Kvest", "Km", "Koto"), ("Kn", "Kt")
-
 CROSSOVER = (1.0, 5.0)  # rad/s, of the target loop
 SENSITIVITY = 4.0  # largest |1/(1 + L)|: the paper's single-channel pilot has 3.6
 ASIDE = 2.0  # least ratio of lead and lag time, or of lag and lead time
@@ -102,11 +82,6 @@ ELEMENTS = {
     "lead-lag": ("K", "K/s", "second order"),
     "preview": ("K/s^2", "K/(s(s+a))"),
     "following": ("1",),
-    "pursuit": ("K/s", "K/(s(s+a))"),
-    "crossover": ("K", "K/s", "K/(s(s+a))", "second order"),
-    "precision": ("K", "K/s", "second order"),
-    "structural": ("K/s", "K/s^2", "K/(s(s+a))"),
-    "descriptive": ("K/s^2", "K/(s(s+a))", "second order"),
 }
 MODELS = {name: CATALOGUE[name] for name in ELEMENTS}
 
@@ -124,8 +99,6 @@ class Population:
         twice is drawn twice as often.
     exotic
         Whether remnants are outside the families of low-pass filters.
-    enters
-        Where low-pass remnants may enter, see `Remnant`.
     recorded, faulty
         Whether a recorder drawn at random stands between loop and file, and whether half of these
         record a signal late or filter some signals only.
@@ -143,7 +116,6 @@ class Population:
     description: str
     models: tuple[str, ...] = ("multi", "multi", "multi", "rate", "lead-lag")
     exotic: bool = False
-    enters: tuple[Place, ...] = ("control",)
     recorded: bool = False
     faulty: bool = False
     aperiodic: bool = False
@@ -155,7 +127,7 @@ class Population:
         if unknown := set(self.models) - set(MODELS):
             there = ", ".join(MODELS)
             raise ValueError(f"models must be of {there}, not {', '.join(sorted(unknown))}")
-        for name in ("models", "intervals", "runs", "enters"):
+        for name in ("models", "intervals", "runs"):
             if not getattr(self, name):
                 raise ValueError(f"{name} must not be empty")
         if not all(x > 0.0 for x in (*self.intervals, *self.durations, *self.runs)):
@@ -200,7 +172,7 @@ class Population:
             element=element,
             target=None if left_out == 1 else target,
             disturbance=None if left_out == 2 else disturbance,
-            remnant=self._remnant(rng),
+            remnant=drawn_remnant(rng, exotic=self.exotic),
             duration=duration,
             run_in=round(_one((0.0, 3.0, 8.0), rng) / dt) * dt,
             dt=dt,
@@ -212,12 +184,6 @@ class Population:
         if self.faulty:
             return drawn_faulty_recorder(rng)
         return drawn_recorder(rng) if self.recorded else None
-
-    def _remnant(self, rng: np.random.Generator) -> Remnant:
-        remnant = drawn_remnant(rng, exotic=self.exotic)
-        # The one place of most populations takes no random number.
-        place = self.enters[0] if len(self.enters) == 1 else _one(self.enters, rng)
-        return remnant if place == "control" else replace(remnant, enters=place)
 
 
 def drawn_element(kind: str, rng: np.random.Generator) -> ControlledElement:
@@ -244,31 +210,26 @@ def drawn_pilot(
 
     The visual gain puts the visual channel's own crossover where it was drawn.
     """
-    ranges = RANGES | OWN_RANGES.get(model.name, {})
-    values = {key: _between(*ranges[key], rng) for key in model.keys}
+    values = {key: _between(*RANGES[key], rng) for key in model.keys}
     if "tlag" in values and abs(math.log(values["tlead"] / values["tlag"])) < math.log(ASIDE):
         return None  # a lead and a lag that all but cancel are neither
-    if "tlaglow" in values and values["tlaglow"] < ASIDE * values["tleadlow"]:
-        return None
     if "tlookf" in values and values["tlookf"] < values["tlookn"] + APART:
         return None
     # Gains on motion are told in units of the output's derivatives, whatever the element
     # makes of a unit of control: scaled to the paper's gain of 4.
     scale = 4.0 / _gain_at(element, 4.0) / 16.0
-    for key in {*ON_MOTION} & values.keys():
+    for key in {"Kvest", "Km"} & values.keys():
         values[key] *= scale
     if model.name == "following":
         return model.vector(values)
-    for key in {*OF_INVERSE} & values.keys():
-        values[key] /= 4.0 * _gain_at(element, 4.0)
-    truth = model.vector(values)
-    if "Kvis" in values:
-        crossover = _between(*CROSSOVER, rng)
-        truth = model.vector({**values, "Kvis": 1.0})
-        closing = next(i for i, c in enumerate(model.channels) if c.on != "ft")
-        visual = model.response(np.array([crossover]), truth)[closing, 0]
-        plant = element.response(np.array([crossover]))[0]
-        truth = model.vector({**values, "Kvis": 1.0 / abs(visual * plant)})
+    if "Kn" in values:  # a share of the inverse of the element
+        values["Kn"] /= 4.0 * _gain_at(element, 4.0)
+    crossover = _between(*CROSSOVER, rng)
+    truth = model.vector({**values, "Kvis": 1.0})
+    closing = next(i for i, c in enumerate(model.channels) if c.on != "ft")
+    visual = model.response(np.array([crossover]), truth)[closing, 0]
+    plant = element.response(np.array([crossover]))[0]
+    truth = model.vector({**values, "Kvis": 1.0 / abs(visual * plant)})
     inside = (model.lower < truth) & (truth < model.upper)
     if not inside.all() or not sensible(model, truth, element):
         return None
@@ -277,8 +238,6 @@ def drawn_pilot(
 
 def sensible(model: PilotModel, truth: FloatArray, element: ControlledElement) -> bool:
     """Whether the loop crosses over where pilots do, and is stable with a margin."""
-    if not all(_is_stable(factor, truth[[*places]]) for factor, places in model.moving):
-        return False
     # An answer to a target that is seen is in no loop: only the disturbance goes round.
     first = int(any(channel.on == "ft" for channel in model.channels))
     own = margins(model, truth, element)[first]
@@ -290,13 +249,6 @@ def sensible(model: PilotModel, truth: FloatArray, element: ControlledElement) -
     if any(np.max(1.0 / np.abs(1.0 + loop)) > SENSITIVITY for loop in loops):
         return False
     return is_stable(model, truth, element)
-
-
-def _is_stable(factor: Factor, values: FloatArray) -> bool:
-    """Whether a loop inside the pilot is stable; other factors are."""
-    if not isinstance(factor, InnerLoop):
-        return True
-    return bool(np.all(np.roots(factor.rational(values.tolist(), 1)[1]).real < 0.0))
 
 
 def reachable(scenario: Scenario) -> bool:
@@ -420,11 +372,6 @@ POPULATIONS: dict[str, Population] = {
             aperiodic=True,
         ),
         Population(
-            "population-rates",
-            "sampling rates from 25 to 200 Hz",
-            intervals=(0.04, 0.02, 0.01, 0.005),
-        ),
-        Population(
             "population-recorded",
             "recorders: rates from 25 to 200 Hz, anti-alias filters, noise, converters, text files",
             recorded=True,
@@ -436,11 +383,6 @@ POPULATIONS: dict[str, Population] = {
             "signals only",
             faulty=True,
             intervals=(0.04, 0.02, 0.01, 0.005),
-        ),
-        Population(
-            "population-inner",
-            "remnants that enter at the perceived error or before the neuromuscular system",
-            enters=("error", "neuromuscular"),
         ),
         Population("population-short", "recordings of 30 s", durations=(30.0, 30.0), runs=(1,)),
         Population(
@@ -457,17 +399,6 @@ POPULATIONS: dict[str, Population] = {
             intervals=(0.01, 1.0 / 60.0),
             durations=(20.0, 40.0),
             runs=(5, 10, 20),
-        ),
-        *(
-            Population(f"population-{name}", f"pilots of model {name}", models=(name,))
-            for name in ("pursuit", "crossover", "structural", "descriptive")
-        ),
-        Population(
-            "population-precision",
-            "pilots of model precision, in long recordings",
-            models=("precision",),
-            durations=(120.0, 120.0),
-            runs=(5,),
         ),
     )
 }

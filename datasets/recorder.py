@@ -76,14 +76,10 @@ class Recorder:
     jitter: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.order < 0 or not 0.0 < self.corner < FASTER:
-            raise ValueError("the filter needs an order of 0 or more and a corner below the rate")
         if set(self.filtered) | {name for name, _ in self.late} > set(SIGNALS):
             raise ValueError(f"signals of a recorder are {', '.join(SIGNALS)}")
-        if min(self.noise) < 0.0 or self.bits < 0 or self.decimals < 0 or self.headroom < 1.0:
-            raise ValueError(
-                "noise, bits and decimals must be 0 or more, and the headroom 1 or more"
-            )
+        if min(*self.noise, self.order, self.bits, self.decimals) < 0 or self.headroom < 1.0:
+            raise ValueError("numbers of a recorder must be 0 or more, and its headroom 1 or more")
 
     def recorded(self, loop: Recording, rng: np.random.Generator) -> Recording:
         """What a file holds of a loop that was simulated `FASTER` times as fast.
@@ -176,8 +172,8 @@ def _rms(signal: FloatArray) -> float:
     return float(np.sqrt(np.mean(signal**2)))
 
 
-def recorded_forcing(recording: Recording, name: str) -> tuple[Multisine | None, bool]:
-    """A forcing function of a recording, and whether it has the other sign in every other run.
+def recorded_forcing(recording: Recording, name: str) -> Multisine | None:
+    """A forcing function of a recording, None where there is none.
 
     One without whole periods in the window is a sum of sines too, over a period a little longer
     than the recording.
@@ -196,12 +192,9 @@ def recorded_forcing(recording: Recording, name: str) -> tuple[Multisine | None,
     """
     signal = recording.input("ft") if name == "ft" else recording.fd
     if signal is None or _rms(signal) <= 1e-9 * _rms(recording.e if name == "ft" else recording.u):
-        return None, False
-    signs = np.sign(signal @ signal[0])
-    mean = np.mean(signs[:, None] * signal, axis=0)
-    alternating = bool(np.any(signs < 0.0))
-    expected = 1.0 - 2.0 * (np.arange(recording.runs) % 2) if alternating else 1.0
-    if np.any(signs != expected) or _rms(signs[:, None] * signal - mean) > SAME * _rms(mean):
+        return None
+    mean = np.mean(signal, axis=0)
+    if _rms(signal - mean) > SAME * _rms(mean):
         raise InputError(
             f"{recording.source}: {name} differs from run to run, so that its runs have no common "
             "scenario; give one run, or runs with the same forcing functions"
@@ -210,10 +203,10 @@ def recorded_forcing(recording: Recording, name: str) -> tuple[Multisine | None,
         window = mean[recording.run_in :]
         sines = _sines(window, recording.dt, 0.0, lines)
         if _rms(sines.at(recording.time) + window.mean() - mean) <= SAME * _rms(mean):
-            return sines, alternating
+            return sines
     turn = np.linspace(0.0, math.pi, round(RETURN / recording.dt), endpoint=False)[1:]
     back = mean[-1] + (mean[0] - mean[-1]) * 0.5 * (1.0 - np.cos(turn))
-    return _sines(np.append(mean, back), recording.dt, float(recording.time[0])), alternating
+    return _sines(np.append(mean, back), recording.dt, float(recording.time[0]))
 
 
 def _sines(signal: FloatArray, dt: float, begin: float, lines: IntArray | None = None) -> Multisine:

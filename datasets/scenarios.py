@@ -16,7 +16,6 @@ from pilotid.datasets.forcing import (
     Forcing,
     adaptation_target,
     half_and_half_step,
-    interleaved_sines,
     paper_disturbance,
     paper_target,
 )
@@ -25,7 +24,7 @@ from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.violations import ElementChange, Kind, Violation
 from pilotid.element_fit import closing_element
 from pilotid.estimate.estimate import Estimate
-from pilotid.model.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
+from pilotid.model.catalogue import ADAPTING, MULTI, SINGLE
 from pilotid.model.element import ControlledElement, double_integrator
 from pilotid.model.loops import is_stable, pilot_on
 from pilotid.model.model import PilotModel
@@ -38,13 +37,6 @@ from pilotid.support.types import FloatArray, InputError
 PILOT_IN_MOTION = (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)
 PILOT_AT_REST = (0.32, 1.68, 0.39, 12.0, 0.3)
 
-#: Pilots in motion at the end of training in Pool, Harder and van Paassen (2016), their gains
-#: times that of the stick: Kvis, tlead, tlag, tdvis, Kvest, tdvest, fnm, dnm; and what they flew.
-#: That their motion channel has canals follows from the loop: it is unstable with rate feedback.
-PILOT_TRAINED = (4.75 * 0.2865, 0.30, 0.95, 0.22, 3.00 * 0.2865, 0.19, 14.0, 0.30)
-TRAINED = ControlledElement(
-    (10.62, 10.62 * 0.99), (1.0, 2.58, 7.61, 0.0), name="10.62(s+0.99)/(s(s^2+2.58s+7.61))"
-)
 #: Units of signals unless a scenario has others.
 DEGREES = tuple((name, "deg") for name in SIGNALS)
 
@@ -69,16 +61,13 @@ class Scenario:
         Measurement window, run-in before it, sampling interval [s].
     runs
         Runs per recording, with the same forcing and independent remnants.
-    alternating
-        Whether the disturbance has the other sign in every other run, by which the answers to it
-        and to the target are told apart at lines that both have.
     start_spread
         Where methods start: 0 for the model's own, generic initial guesses; otherwise they are
         drawn within this share of the truth, for each replication the same for all methods.
     one_recording
         Whether all replications fit the same recording.
     violation
-        What in the loop or in the recorder is not as the truth says, None for nothing.
+        What in the stick is not linear, None for nothing.
     change
         What the controlled element becomes, and when; None for a constant one.
     recorder
@@ -86,7 +75,7 @@ class Scenario:
     units
         Names of signals and their units.
     family, varied
-        Scenarios of one family differ in one number alone, such as ``duration`` or
+        Scenarios of one family differ in one number alone, such as ``runs`` or
         ``remnant.level``; reports draw errors over it.  Those of the family ``violation``
         and ``recorder`` differ in that.
     """
@@ -103,7 +92,6 @@ class Scenario:
     run_in: float = 8.0
     dt: float = 0.02
     runs: int = 1
-    alternating: bool = False
     start_spread: float = 0.0
     one_recording: bool = False
     violation: Violation | None = None
@@ -138,16 +126,11 @@ class Scenario:
         if not estimate.outcome.usable or estimate.remnant is None:
             why = "has no remnant" if estimate.outcome.usable else estimate.sentence
             raise InputError(f"{source}: the fit by {estimate.method} cannot be simulated: {why}")
-        if model.changes:
+        if model.changes or model.extra:
+            why = f"acts on {', '.join(model.extra)}" if model.extra else "varies in time"
             raise InputError(
-                f"{source}: model {model.name} varies in time, and its fit cannot be simulated; "
-                "name a model of a constant pilot"
-            )
-        if model.extra:
-            raise InputError(
-                f"{source}: model {model.name} acts on {', '.join(model.extra)}, and its fit "
-                "cannot be simulated, since how the loop moves that is not known; name a model of "
-                "e, x and ft"
+                f"{source}: model {model.name} {why}, and its fit cannot be simulated; name a "
+                "model of a constant pilot who acts on e, x and ft"
             )
         element, unknown = closing_element(recording)
         if element is None:
@@ -165,8 +148,6 @@ class Scenario:
             loop = element.response(omega) * sum(pilot_on(model, omega, estimate.values))
             return np.asarray(1.0 / np.abs(1.0 + loop) ** 2)
 
-        target, _ = recorded_forcing(recording, "ft")
-        disturbance, alternating = recorded_forcing(recording, "fd")
         stem = name_of(Path(source).stem).strip(".")
         return checked(
             cls(
@@ -176,14 +157,13 @@ class Scenario:
                 tuple(estimate.values.tolist()),
                 # Methods have to find what the recording does not name.
                 replace(element, name="") if unknown else element,
-                target,
-                disturbance,
+                recorded_forcing(recording, "ft"),
+                recorded_forcing(recording, "fd"),
                 recorded_remnant(estimate.remnant, recording, to_control),
                 duration=recording.duration,
                 run_in=recording.run_in * recording.dt,
                 dt=recording.dt,
                 runs=recording.runs,
-                alternating=alternating,
                 recorder=recorded_noise(recording),
                 units=tuple(recording.units.items()),
             )
@@ -262,18 +242,8 @@ def _of_the_paper() -> list[Scenario]:
     ]
 
 
-def _beyond_the_paper() -> list[Scenario]:
-    lengths = [
-        _varied(
-            f"length-{duration:.0f}",
-            f"nominal with a window of {duration:.4g} s",
-            duration=duration,
-            family="length",
-            varied="duration",
-        )
-        for duration in (0.25 * PERIOD, 0.5 * PERIOD, 2 * PERIOD, 4 * PERIOD)
-    ]
-    runs = [
+def _of_several_runs() -> list[Scenario]:
+    return [
         _varied(
             f"runs-{runs}",
             f"nominal with {runs} runs, fitted jointly",
@@ -283,56 +253,22 @@ def _beyond_the_paper() -> list[Scenario]:
         )
         for runs in (2, 5, 10)
     ]
-    return [*lengths, *runs]
-
-
-def _trained() -> Scenario:
-    target, disturbance = interleaved_sines(20, TRAINED.response)
-    return Scenario(
-        "training",
-        "a trained pilot in motion, lead squared over lag, 20 + 20 lines (Pool, Harder & van "
-        "Paassen 2016; forcing amplitudes and remnant level are not theirs)",
-        model=LEAD2_LAG_MOTION,
-        truth=PILOT_TRAINED,
-        element=TRAINED,
-        target=target,
-        disturbance=disturbance,
-        remnant=Remnant(order=1, frequency=1.0 / 0.46, level=0.15, level_is="ratio"),
-    )
 
 
 def _violated() -> list[Scenario]:
-    gain, lead, *others = NOMINAL.truth
-    # From the nominal pilot to one of 40 % less gain and 60 % more lead; the truth is the mean.
-    change = (("Kvis", -0.2 / 0.8), ("tlead", 0.3 / 1.3))
     cases: dict[Kind, tuple[float, str]] = {
-        "threshold": (
-            0.25,
-            "a control that is zero while the command is below a quarter of its rms",
-        ),
-        "quantised": (0.2, "a control in steps of a fifth of its rms"),
-        "saturated": (1.5, "a control that is clipped at 1.5 times its rms"),
-        "drift": (1.5, "a recorded control that drifts by 1.5 times its rms"),
-        "lost": (0.05, "5 % of the control's samples lost, in bursts, and replaced by the last"),
+        "threshold": (0.25, "that is zero while the command is below a quarter of its rms"),
+        "quantised": (0.2, "in steps of a fifth of its rms"),
+        "saturated": (1.5, "that is clipped at 1.5 times its rms"),
     }
     return [
         _varied(
-            "violation-change",
-            "nominal with a pilot who loses 40 % gain and gains 60 % lead half-way; the truth is "
-            "the mean",
-            truth=(0.8 * gain, 1.3 * lead, *others),
-            violation=Violation("change", change=change),
+            f"violation-{kind}",
+            f"nominal with a control {words}",
+            violation=Violation(kind, size),
             family="violation",
-        ),
-        *(
-            _varied(
-                f"violation-{kind}",
-                f"nominal with {words}",
-                violation=Violation(kind, size),
-                family="violation",
-            )
-            for kind, (size, words) in cases.items()
-        ),
+        )
+        for kind, (size, words) in cases.items()
     ]
 
 
@@ -391,8 +327,7 @@ SCENARIOS: dict[str, Scenario] = {
     s.name: s
     for s in (
         *_of_the_paper(),
-        *_beyond_the_paper(),
-        _trained(),
+        *_of_several_runs(),
         *_violated(),
         *_recorded(),
         *_changing(),

@@ -116,7 +116,7 @@ class _Prepared:
     run_in: int
     target: FloatArray
     disturbance: FloatArray
-    u_forced: FloatArray  # by run, or one for all
+    u_forced: FloatArray
     x_forced: FloatArray
     remnant_to_n: ComplexArray
     remnant_to_u: ComplexArray  # its power, averaged over what a scenario that changes is
@@ -176,13 +176,9 @@ def _prepared(scenario: Scenario) -> _Prepared:
 
 
 def _forced(scenario: Scenario, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Control and output without remnant at times [s], shape (runs or 1, times)."""
-    turned = disturbance_signs(scenario)
-    u, x = np.zeros((2, turned.size, time.size))
-    for forcing, cause, signs in (
-        (scenario.target, "target", np.ones_like(turned)),
-        (scenario.disturbance, "disturbance", turned),
-    ):
+    """Control and output without remnant at times [s], shape (1, times)."""
+    u, x = np.zeros((2, time.size))
+    for forcing, cause in ((scenario.target, "target"), (scenario.disturbance, "disturbance")):
         if forcing is not None:
 
             def both(omega: FloatArray, cause: str = cause) -> ComplexArray:
@@ -190,26 +186,14 @@ def _forced(scenario: Scenario, time: FloatArray) -> tuple[FloatArray, FloatArra
                 return np.array([loop.u[cause], loop.x[cause]])
 
             control, output = forcing.through(both, time)
-            u += np.outer(signs, control)
-            x += np.outer(signs, output)
-    return u, x
-
-
-def disturbance_signs(scenario: Scenario) -> FloatArray:
-    """Sign of the disturbance by run, or one for all runs."""
-    if not scenario.alternating:
-        return np.ones(1)
-    if scenario.changes or scenario.violation is not None:
-        raise InputError(
-            f"scenario {scenario.name}: a disturbance that alternates between runs is for constant "
-            "loops without violations alone"
-        )
-    return np.asarray(1.0 - 2.0 * (np.arange(scenario.runs) % 2))
+            u += control
+            x += output
+    return u[None], x[None]
 
 
 def _window_power(u_forced: FloatArray, run_in: int) -> float:
-    """Variance of the forced control in the window, the mean over runs."""
-    return float(np.mean(np.var(u_forced[:, run_in:], axis=1)))
+    """Variance of the forced control in the window."""
+    return float(np.var(u_forced[0, run_in:]))
 
 
 def _level(
@@ -290,14 +274,11 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
     samples = shared.time.size
     noise = shared.level * scenario.remnant.white_noise(rng, (scenario.runs, shared.grid))
     spectrum = np.fft.rfft(noise) * shared.remnant_to_n
-    if scenario.changes or (scenario.violation is not None and scenario.violation.in_loop):
+    if scenario.changes or scenario.violation is not None:
         u, x = stepped(scenario, np.fft.irfft(spectrum), linear_rms(scenario))
     else:
         u = shared.u_forced + np.fft.irfft(spectrum * shared.loop.u["remnant"])[:, :samples]
         x = shared.x_forced + np.fft.irfft(spectrum * shared.loop.x["remnant"])[:, :samples]
-    if scenario.violation is not None:
-        rms = linear_rms(scenario)
-        u = scenario.violation.recorded(u, shared.time / scenario.duration, rms, rng)
     forcing = {"ft": scenario.target, "fd": scenario.disturbance}
     return Recording(
         dt=scenario.dt,
@@ -305,7 +286,7 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
         u=u,
         x=x,
         ft=shared.target[None],
-        fd=np.outer(disturbance_signs(scenario), shared.disturbance),
+        fd=shared.disturbance[None],
         run_in=shared.run_in,
         lines={
             name: lines_in(f, scenario.duration) for name, f in forcing.items() if f is not None

@@ -31,7 +31,6 @@ STENCILS = {
     2: (-1 / 12, 16 / 12, -30 / 12, 16 / 12, -1 / 12),
 }
 BLOCK = 1000  # steps at once, where no channel answers to the loop
-PASSING = 2.0  # seconds in which a pilot who changes passes from one to the other
 
 
 def stepped(
@@ -72,12 +71,9 @@ def stepped(
     noise = _finer(remnant, fine)[:, np.arange(-before * fine, samples * fine)]
     target, disturbance = _at(scenario.target, time), _at(scenario.disturbance, time)
 
-    pilots, share = _pilots(scenario, time)
-    channels = [
-        (weight, [_Path(channel, pilot, time, h) for channel in scenario.model.channels])
-        for pilot, weight in zip(pilots, share, strict=True)
-    ]
-    block = min(path.block for _, paths in channels for path in paths)
+    pilot = dict(zip(scenario.model.keys, scenario.values.tolist(), strict=True))
+    paths = [_Path(channel, pilot, time, h) for channel in scenario.model.channels]
+    block = min(path.block for path in paths)
     if block < 1:
         raise InputError(
             f"scenario {scenario.name}: a violation inside the loop is simulated in blocks of the "
@@ -95,9 +91,8 @@ def stepped(
     for begin in range(0, count, block):
         now = np.arange(begin, min(begin + block, count))
         command = noise[:, now]
-        for weight, paths in channels:
-            for path in paths:
-                command = command + weight[now] * path.through(given[path.on], now)
+        for path in paths:
+            command = command + path.through(given[path.on], now)
         violation = scenario.violation
         u[:, now] = command if violation is None else violation.stick(command, rms)
         y[:, now] = element.through(u[:, now] + disturbance[now])
@@ -106,29 +101,6 @@ def stepped(
         e[:, now] = target[now] - x[:, now]
     recorded = slice(before * fine, None, fine)
     return u[:, recorded], x[:, recorded]
-
-
-def _pilots(
-    scenario: Scenario, time: FloatArray
-) -> tuple[list[dict[str, float]], list[FloatArray]]:
-    """Parameters of the pilots of a scenario, and the share of each in the command by time."""
-    violation, keys = scenario.violation, scenario.model.keys
-    truth = dict(zip(keys, scenario.values.tolist(), strict=True))
-    if violation is None or not violation.change:
-        return [truth], [np.ones(time.size)]
-    shares = dict(violation.change)
-    if unknown := set(shares) - set(keys):
-        raise InputError(
-            f"scenario {scenario.name}: {', '.join(sorted(unknown))} cannot change, since model "
-            f"{scenario.model.name} has {', '.join(keys)}"
-        )
-    passed = np.clip((time - 0.5 * scenario.duration) / PASSING + 0.5, 0.0, 1.0)
-    second = 0.5 - 0.5 * np.cos(np.pi * passed)
-    pilots = [
-        {key: value * (1.0 + side * shares.get(key, 0.0)) for key, value in truth.items()}
-        for side in (-1.0, 1.0)
-    ]
-    return pilots, [1.0 - second, second]
 
 
 class _Linear:

@@ -24,6 +24,7 @@ from pilotid.model.catalogue import (
     RATE,
 )
 from pilotid.model.element import (
+    ControlledElement,
     double_integrator,
     element_named,
     integrator_with_lag,
@@ -38,6 +39,8 @@ from pilotid.support.types import FloatArray
 NOMINAL = SCENARIOS["nominal"]
 SINGLE_LOOP = SCENARIOS["single"]
 
+#: What trained pilots flew in Pool, Harder and van Paassen (2016).
+TRAINED = ControlledElement((10.62, 10.62 * 0.99), (1.0, 2.58, 7.61, 0.0), name="trained")
 #: A pilot of each model of the catalogue, in a stable loop, by the model's name.
 PILOTS = {
     scenario.model.name: scenario
@@ -84,9 +87,15 @@ PILOTS = {
             name="lead2-lag",
             model=LEAD2_LAG,
             truth=(0.8, 0.45, 0.8, 0.22, 13.0, 0.35),
-            element=SCENARIOS["training"].element,
+            element=TRAINED,
         ),
-        SCENARIOS["training"],
+        replace(
+            NOMINAL,
+            name="lead2-lag-motion",
+            model=MODELS["lead2-lag-motion"],
+            truth=(4.75 * 0.2865, 0.30, 0.95, 0.22, 3.00 * 0.2865, 0.19, 14.0, 0.30),
+            element=TRAINED,
+        ),
         replace(
             NOMINAL,
             name="crossover",
@@ -206,6 +215,19 @@ def leading_recording(lead: float = 0.2) -> Recording:
     omega, phases = 2.0 * np.pi * lines / (samples * dt), np.arange(lines.size) ** 2.0
     e, ahead = (np.sin(np.outer(t, omega) + phases).sum(axis=1) for t in (time, time + lead))
     return Recording(dt=dt, e=e[None], u=0.5 * ahead[None], x=-e[None], run_in=run_in)
+
+
+def changing_half_way(scenario: Scenario, shares: dict[str, float], seed: int) -> Recording:
+    """A recording of a pilot each of whose parameters jumps by twice a share, half-way."""
+    halves = []
+    for side in (-1.0, 1.0):
+        pairs = zip(scenario.model.keys, scenario.truth, strict=True)
+        truth = tuple(value * (1.0 + side * shares.get(key, 0.0)) for key, value in pairs)
+        halves.append(simulate(replace(scenario, truth=truth), np.random.default_rng(seed)))
+    first, second = halves
+    late = first.time >= 0.5 * first.duration
+    arrays = {name: np.where(late, second.arrays[name], s) for name, s in first.arrays.items()}
+    return first.with_arrays(arrays)
 
 
 def running_away(recording: Recording) -> Recording:

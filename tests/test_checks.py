@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import PILOTS
 from nonsense import LATE, PLANTED, SOUND, delayed, named, named_by_a_fit, stepped
 
 from pilotid.checks.checks import remarks
@@ -60,12 +61,12 @@ FAULTS: dict[str, tuple[Callable[[Recording], Recording], str]] = {
 
 
 @pytest.mark.parametrize("what", FAULTS)
-@pytest.mark.parametrize("name", ["nominal", "training"])
+@pytest.mark.parametrize("name", ["multi", "lead2-lag-motion"])
 def test_a_fault_is_told_once_and_nothing_is_made_of_what_follows_from_it(
     name: str, what: str
 ) -> None:
     plant, words = FAULTS[what]
-    two_runs = replace(SCENARIOS[name], runs=2)
+    two_runs = replace(PILOTS[name], runs=2)
     recording = plant(simulate(two_runs, np.random.default_rng(4)))
     recording = replace(recording, controlled_element="")
     (remark,) = remarks(recording)

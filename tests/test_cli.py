@@ -209,9 +209,6 @@ def test_several_models_are_fitted_and_compared(run: Run, simulated: Path) -> No
     assert entries[1]["estimates"][0]["parameters"] == alone
     for wrong in ("single,nothing", "", ","):
         assert run(*fit, wrong).status == 2
-    refused = run(*fit, "single,multi", "--truth", simulated.with_suffix(".truth.json"))
-    assert refused.status == 2
-    assert "--truth" in refused.err
 
 
 def test_a_changing_model_is_compared_by_the_same_likelihood(run: Run, tmp_path: Path) -> None:
@@ -387,12 +384,12 @@ def test_fit_and_simulate_take_code_and_settings_too(run: Run, own: Path, tmp_pa
     values = [e["parameters"]["tdvis"]["value"] for e in result["estimates"]]
     assert len(set(values)) == 3
     refused(run("simulate", f"{own}:TWO", "--out", csv_file), "one, two", "name one of them")
-    refused(run(*fit, "arx(memory=x)"), "memory must be a number or none", "memory=1.5")
+    refused(run(*fit, "arx(memory=x)"), "memory=x: input should be a valid number")
     refused(run(*fit, "arx(memory=1"), "not closed")
     refused(run(*fit, f"{own}:Yours"), "holds no 'Yours'", "Mine")
     refused(run(*fit, f"{own}:ONE"), "is no method")
     refused(run("compare", "--scenario", f"{own}:Mine", "--out", tmp_path), "is no Scenario")
-    refused(run("compare", "--scenario", "single(run=2)", "--out", tmp_path), "'run'", "runs=1")
+    refused(run("compare", "--scenario", "single(run=2)", "--out", tmp_path), "'run'", "runs")
 
 
 def test_a_bad_file_does_not_cost_the_others(run: Run, simulated: Path, tmp_path: Path) -> None:

@@ -202,27 +202,3 @@ def test_the_command_writes_what_others_read(tmp_path: Path, run: Run) -> None:
     (out / "design.json").write_text("[]")
     with pytest.raises(InputError):
         scenario_named(str(out / "design.json"))
-
-
-OWN = """
-from dataclasses import replace
-from pilotid.datasets import scenario_named
-from pilotid.model.factors import Delay, Gain, Lead
-from pilotid.model.model import Channel, PilotModel
-
-FACTORS = Gain("Kvis", 0.3), Lead("tlead"), Delay("tdvis")
-MINE = PilotModel("mine", (Channel("visual", "error", 1, FACTORS),))
-LOOP = replace(scenario_named("single"), name="loop", model=MINE, truth=(0.3, 1.68, 0.39))
-"""
-
-
-@pytest.mark.long
-def test_a_model_of_ones_own_reads_back(tmp_path: Path, run: Run) -> None:
-    file, out = tmp_path / "own.py", tmp_path / "design"
-    file.write_text(OWN)
-    for scenario in (f"{file}:LOOP", out / "design.json"):  # a design of a design too
-        answer = run("design", scenario, "--out", out, "--force")
-        assert answer.status == 0 or "is read by this command" in answer.err
-        found = scenario_named(str(out / "design.json"))
-        assert isinstance(found, pilotid.Scenario)
-        assert (found.model.name, found.truth) == ("mine", (0.3, 1.68, 0.39))

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import NOMINAL, changing_half_way
 
-from pilotid.datasets import SCENARIOS, simulate
-from pilotid.datasets.violations import Violation
 from pilotid.estimate.method import identify
 from pilotid.methods import method_named
 from pilotid.solve.covariance import score_dispersion
@@ -50,12 +49,9 @@ def test_parameters_without_a_slope_and_single_segments_do_not_count() -> None:
 
 def test_a_constant_pilot_is_not_dispersed_and_a_changing_one_has_wider_intervals() -> None:
     def fit(share: float) -> tuple[np.ndarray, list[str]]:
-        change = Violation("change", change=(("Kvest", share), ("tdvis", share)))
-        scenario = replace(SCENARIOS["violation-change"], violation=change, runs=3)
-        recording = simulate(scenario, np.random.default_rng(4))
-        estimate = identify(
-            method_named("mle"), recording, scenario.model, np.random.default_rng(4)
-        )
+        shares = {"Kvest": share, "tdvis": share}
+        recording = changing_half_way(replace(NOMINAL, runs=3), shares, 4)
+        estimate = identify(method_named("mle"), recording, NOMINAL.model, np.random.default_rng(4))
         return estimate.std_error / estimate.values, codes_of(estimate.remarks)
 
     constant, nothing = fit(0.0)

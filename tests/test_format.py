@@ -14,7 +14,6 @@ from pilotid.report.page import Figure, environment, pdf, save_figures
 from pilotid.support.format import (
     Line,
     Table,
-    as_html,
     as_text,
     latex,
     markdown,
@@ -86,7 +85,7 @@ def test_what_strangers_write_does_nothing_anywhere(evil: str) -> None:
     assert "img" not in tags
     assert not [name for name, _ in attributes if name.startswith("on")]
     assert all(place.startswith("#") for name, place in attributes if name.endswith("href"))
-    assert not re.search(r"[\x00\x1b\udcff\u202e]", page + as_html(evil, example(evil)))
+    assert not re.search(r"[\x00\x1b\udcff\u202e]", page)
     written = markdown(example(evil))
     assert not re.search(r"<script|<img|(?<!\\)\[?x\]|[\x00\x1b\udcff\u202e]|^# c", written, re.M)
     assert pdf(drawing)

@@ -6,7 +6,6 @@ import linecache
 import sys
 import types
 from dataclasses import dataclass, field
-from enum import Enum
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -32,11 +31,6 @@ from pilotid.naming.settings import (
 from pilotid.support.types import InputError
 
 
-class Colour(Enum):
-    RED = 1
-    BLUE = 2
-
-
 @dataclass(frozen=True)
 class Inner:
     depth: int = 1
@@ -55,7 +49,6 @@ class Outer:
     pair: tuple[float, int] = (1.0, 2)
     many: tuple[str, ...] = ()
     inner: Inner = Inner()
-    colour: Colour = Colour.RED
     anything: Any = None
     made_up: tuple[float, ...] = field(default_factory=lambda: (1.0,))
     name: ClassVar[str] = "outer"
@@ -83,7 +76,6 @@ class Outer:
         ("many=(a,)", "many", ("a",)),
         ("many=[a, 'b c']", "many", ("a", "b c")),
         ("inner=Inner(wide=true)", "inner", Inner(wide=True)),
-        ("colour=BLUE", "colour", Colour.BLUE),
         ("anything=((1, 2.5), none, x)", "anything", ((1, 2.5), None, "x")),
     ],
 )
@@ -99,22 +91,20 @@ def test_settings_are_read_as_their_types(text: str, name: str, value: object) -
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("size=2", "there is no setting 'size'; its settings are number=1, count=2, word=usual"),
+        ("size=2", "there is no setting 'size'; its settings are number, count, word"),
         ("name=x", "no setting 'name'"),
         ("2", "'2' is not SETTING=VALUE"),
-        ("count=2.0", "count must be a whole number, not 2"),
+        ("count=2.0", "count=2: input should be a valid integer"),
         ("inner=Inner(wde=true)", "did you mean 'wide'?"),
-        ("number=abc", "number must be a number, not abc"),
-        ("number=nan", "must be a number"),
+        ("number=abc", "number=abc: input should be a valid number"),
+        ("number=nan", "a valid number"),
         ("number=", "is not SETTING=VALUE"),
         ("number=1, number=2", "given twice"),
-        ("on=1", "true or false"),
-        ("maybe=x", "a number or none"),
-        ("kind=both", "'one-sided' or 'two-sided' or 3"),
-        ("pair=(1, 2, 3)", "(a number, a whole number), not (1, 2, 3)"),
+        ("on=1", "a valid boolean"),
+        ("kind=both", "'one-sided', 'two-sided' or 3"),
+        ("pair=(1, 2, 3)", "pair=(1, 2, 3): "),
         ("inner=Other(depth=1)", "Other(...) is not known there"),
-        ("inner=3", "must be Inner(...), not 3"),
-        ("colour=green", "'RED' or 'BLUE'"),
+        ("inner=3", "an instance of Inner"),
         ("word=a b", "put words with other signs"),
         ("many=(a", "check brackets"),
         ("many=" + "(" * 2000 + ")" * 2000, "check brackets"),
@@ -205,7 +195,7 @@ def test_settings_become_plain_objects_without_loss() -> None:
     assert (again["class"], again["number"], again["maybe"]) == ("Outer", 0.1 + 0.2, "-inf")
     assert again["pair"] == [1e-300, 2]
     assert again["inner"] == {"class": "Inner", "depth": 1, "wide": False}
-    assert plain({"a": np.arange(2)}) == {"a": {"class": "array", "values": [0, 1]}}
+    assert plain({"a": np.arange(2)}) == {"a": [0, 1]}
     assert shown(again["inner"]) == "Inner(depth=1, wide=false)"
 
 
@@ -270,7 +260,7 @@ def test_things_are_taken_from_files_and_modules(mine: Path) -> None:
         ("{}:Mine", "Is a directory"),
         ("{}/mine.py:Yours", "holds no 'Yours'"),
         ("{}/mine.py:Mine.x", "holds no 'x'"),
-        ("{}/mine.py:Mine(size=x)", "a whole number"),
+        ("{}/mine.py:Mine(size=x)", "a valid integer"),
         ("{}/syntax.py:X", "SyntaxError"),
         ("{}/leaves.py:X", "SystemExit: 4"),
         ("{}/bytes.py:X", "bytes.py: cannot be imported (SyntaxError"),
@@ -290,16 +280,13 @@ def test_code_that_cannot_be_used_is_a_sentence(mine: Path, place: str, words: s
     assert words in str(refusal.value)
 
 
-def test_the_digest_covers_the_code_that_a_thing_is_from(mine: Path) -> None:
+def test_the_digest_covers_the_file_that_a_thing_is_from(mine: Path) -> None:
     assert code_digest(ARX()) == code_digest(np.float64(1.0)) == ""
-    digests = [code_digest(taken(f"{mine}:Mine"))]
-    for file in ("beside.py", "below/deep.py", "mine.py"):
-        with (mine.parent / file).open("a") as stream:
-            stream.write("# another\n")
-        digests.append(code_digest(taken(f"{mine}:Mine")))
-    assert len(set(digests)) == 4
-    (mine.parent / "stranger.py").write_text("")
-    assert code_digest((1, [taken(f"{mine}:Mine")])) == digests[-1]
+    before = code_digest(taken(f"{mine}:Mine"))
+    (mine.parent / "beside.py").write_text("SIZE = 3  # another\n")
+    assert code_digest((1, [taken(f"{mine}:Mine")])) == before
+    mine.write_text(f"{MINE}# another\n")
+    assert code_digest(taken(f"{mine}:Mine")) != before
 
 
 def test_code_that_was_typed_in_is_told_by_its_source(monkeypatch: pytest.MonkeyPatch) -> None:

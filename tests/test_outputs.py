@@ -48,7 +48,6 @@ def digests(folder: Path) -> dict[Path, str]:
         "analyse s.csv --out o",
         "posterior o/summary.csv --out o --force",
         "compare --scenario single --method mle-white --replications 1 --out o",
-        "report A --out o",
         "simulate single --out s.csv",
         "simulate single --out b.csv",
         "fit s.csv --json notes.txt",

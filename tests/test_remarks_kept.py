@@ -29,15 +29,15 @@ def test_a_study_keeps_what_a_user_is_told() -> None:
 
 @pytest.mark.numerical
 def test_remarks_of_a_study_are_in_its_store(tmp_path: Path) -> None:
-    Study(["nominal", "violation-lost"], "mle", 1).run_in(tmp_path, workers=1)
+    Study(["nominal", "recorder-lost"], "mle", 1).run_in(tmp_path, workers=1)
     with Store(tmp_path) as store:
         kept = {fit.scenario: fit.remarks for fit in store.fits()}
     assert not kept["nominal"]
-    assert kept["violation-lost"].startswith("u keeps its value at")
+    assert "samples are lost or spiked" in kept["recorder-lost"]
 
 
 def test_the_full_profile_has_the_family_and_the_quick_one_has_not() -> None:
     own = {name for name, scenario in SCENARIOS.items() if scenario.family == "violation"}
-    assert len(own) == 6
+    assert len(own) == 3
     assert own <= set(PROFILES["full"][0])
     assert not own & set(PROFILES["quick"][0])

@@ -116,7 +116,7 @@ def leaks(handed: object, scenario: Scenario) -> list[str]:
 #: With three decimals a sample is as likely as not to be a parameter.
 NOT_ROUNDED = [name for name in SCENARIOS if name != "recorder-rounded"]
 #: The others differ from one of these in a number.
-FIRST = ("nominal", "single", "starts", "training", "violation-change", "recorder-late",
+FIRST = ("nominal", "single", "starts", "violation-saturated", "recorder-late",
          "adapting-slow", "target-step")  # fmt: skip
 
 

@@ -6,7 +6,6 @@ Heavy libraries are imported by the commands that need them: `pilotid list` is i
 from __future__ import annotations
 
 import inspect
-import json as json_text
 import sys
 import tempfile
 import time
@@ -33,7 +32,6 @@ from pilotid.recording.recording import Recording
 from pilotid.recording.windows import sidecar_path, stem_of
 from pilotid.support.disk import (
     path_shown,
-    require_file,
     require_folder,
     require_free,
     strict_json,
@@ -43,7 +41,7 @@ from pilotid.support.format import Line, show
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
 from pilotid.support.remarks import OF_STICK, codes_in
 from pilotid.support.terminal import make_console, show_page, show_warning, with_bar
-from pilotid.support.types import FloatArray, InputError, one_line
+from pilotid.support.types import InputError, one_line
 
 #: What `list` shows first; all else is under "more".
 CORE = {
@@ -52,7 +50,6 @@ CORE = {
     "scenarios": ("nominal", "single", "population-usual"),
 }
 STOPPED = 130  # the status that shells give to a program that Ctrl-C ended
-LARGEST_TRUTH = 2**22  # bytes of a file that names true parameters
 app = typer.Typer(
     help="Identify pilot models from tracking recordings with every standard method.",
     add_completion=False,
@@ -141,10 +138,9 @@ def _first_line(method: Method) -> str:
 
 
 def simulate(
-    scenario: str | None = None,
+    scenario: str,
     *,
     out: Path,
-    like: Path | None = None,
     seed: int = DEFAULT_SEED,
     runs: int | None = None,
     force: bool = False,
@@ -154,13 +150,11 @@ def simulate(
     from pilotid.datasets import simulate as simulated
     from pilotid.datasets.named import truth
 
-    if (scenario is None) == (like is None):
-        raise InputError("name a scenario, or a recording with --like, and not both")
     truth_file = out.with_suffix(".truth.json")
     written = [out, truth_file, *[sidecar_path(out)] * (out.suffix.lower() == ".csv")]
     again = truth_file.exists()  # it was simulated
-    require_free(written, read_with([like] if like else []), force=force or again)
-    named = scenario_named(scenario or "") if like is None else studies.scenario_like(like, seed)
+    require_free(written, [Path(scenario)], force=force or again)
+    named = scenario_named(scenario)
     drawn = named.drawn(draw_rng(seed, named.name))
     drawn = replace(drawn, runs=runs or drawn.runs)
     save_recording(simulated(drawn, recording_rng(seed, drawn.name)), out)
@@ -184,14 +178,11 @@ def fit(
     plot: bool = False,
     json: str | None = None,
     report: Path | None = None,
-    truth: Path | None = None,
     force: bool = False,
 ) -> None:
     """Identify a pilot model from recordings."""
     plant, ignored = element_named(element) if element else None, codes_in(ignore or ())
     models, methods = options.models_of(model, fix, start), options.methods_of(method, ["mle"])
-    if truth is not None and len(models) > 1:
-        raise InputError("--truth: is of one model; name one with --model")
     options.require_free(files, json, report, force=force)
     recordings, refused = reading.all(files, joint=joint)
     fits: list[Fitted] = []
@@ -204,21 +195,20 @@ def fit(
     if not fits:
         options.raise_refused(refused)
     fits = [fitted.without(ignored) for fitted in fits] if ignored else fits
-    true = None if truth is None else _read_truth(truth, fits[0].model)
     from pilotid.report.fit import html_report, print_fit
 
     entries = [fitted.to_dict() for fitted in fits]
     if json:
-        from pilotid.datasets.named import fitted_scenario, model_place
+        from pilotid.datasets.named import fitted_scenario
 
         for entry, fitted in zip(entries, fits, strict=True):
-            if scenario := fitted_scenario(fitted, model_place(model)):
+            if scenario := fitted_scenario(fitted):
                 entry["scenario"] = scenario
     printed = options.write_json(json, entries)
     if plot and report is None:
         report = Path(tempfile.mkdtemp(prefix="pilotid-")) / "report.html"
     if report is not None:
-        page = html_report(fits, true)
+        page = html_report(fits)
         write_file(report, page.encode("utf-8", "replace"))
     said: set[str] = set()
     console = make_console()
@@ -229,19 +219,6 @@ def fit(
     if plot and report is not None:
         show_page(report, make_console(errors=printed))
     options.raise_refused(refused)
-
-
-def _read_truth(path: Path, model: PilotModel) -> FloatArray:
-    """True parameters in model order from the file that `pilotid simulate` writes."""
-    require_file(path, LARGEST_TRUTH)
-    try:
-        held = json_text.loads(path.read_text(encoding="utf-8"))["parameters"]
-        return model.vector({key: float(entry["value"]) for key, entry in held.items()})
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-        raise InputError(
-            f"{path}: is no truth of a recording of model {model.name} ({error}); name the "
-            "F.truth.json that `pilotid simulate` wrote"
-        ) from None
 
 
 def _fitted(

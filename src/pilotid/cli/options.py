@@ -21,7 +21,7 @@ from pilotid.recording.files import Reading, read_with
 from pilotid.recording.recording import Recording
 from pilotid.support import disk
 from pilotid.support.disk import strict_json, write_file
-from pilotid.support.numbers import ARGUMENTS, ranged
+from pilotid.support.numbers import ranged
 from pilotid.support.types import InputError
 
 #: Metavar and help of arguments and options by name, or by command and name where a command means
@@ -41,7 +41,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "runs": ("2-5", "The runs to use, as in 2-5 or 1,3."),
     "span": ("0:41", "The seconds of the window to use, START:END."),
     "element": ("15/s^2", "Controlled element; else the file's, or what u and x show."),
-    "check element": ("4/s^2", "Controlled element, to compare with what is seen."),
     # Models, methods and scenarios.
     "model": ("NAME|auto", "Pilot model: single, multi, file.py:NAME; auto takes the best."),
     "check model": ("NAME,...", "Models of which is told what methods can do."),
@@ -50,7 +49,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "scenario": ("NAME", "'nominal(runs=3)', file.py:NAME; repeat, use commas, or say all."),
     "simulate scenario": ("SCENARIO", "See `pilotid list`."),
     "export scenario": ("SCENARIO", "See `pilotid list`; several with commas."),
-    "export out": ("DIR", "Folder of the recordings."),
     "design scenario": ("[SCENARIO]", "Pilot, loop, remnant and reference forcing; else nominal."),
     "like": ("FILE", "The scenario of a recording as mle fits it, or of a trust.json."),
     "fix": ("fnm=12,dnm=.1..0.5", "Parameters held at a value, or searched between others."),
@@ -60,13 +58,11 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "workers": ("", "Processes; default: one for each processor."),
     "out": ("DIR", "Results folder; what is done there is kept."),
     "simulate out": ("F.csv", "Recording to write, .csv, .mat or .npz."),
-    "report out": ("DIR", "Another folder for the report, if DIR is read-only."),
     "force": ("", "Write over files that are there already."),
     "ignore": ("CODE", "Code of a warning that is left out; repeat, or use commas."),
     "plot": ("", "Open the report in a browser, or say where it is."),
     "json": ("F.json|-", "Write the results as JSON; - prints."),
     "report": ("F.html", "Write a report with figures."),
-    "truth": ("F.truth.json", "Draw a simulation's truth in the report."),
     "simulate runs": ("", "Runs, each with its own remnant."),
     "brief": ("", "One line a file, and a summary of many."),
     # Studies.
@@ -74,13 +70,11 @@ MEANINGS: dict[str, tuple[str, str]] = {
         "quick|full|paper",
         "full: 500 recordings of every scenario; paper: AIAA 2008-7109 on a page of its own.",
     ),
-    "replications": ("", "Recordings of each scenario."),
-    "trust replications": ("", "Simulations of the recording."),
+    "replications": ("", "Recordings of each scenario; of trust: simulations."),
     "scheduler": ("ADDRESS", "Use the workers of this Dask scheduler instead."),
     "time_limit": ("S", "Seconds that a fit may take; 0 for no limit."),
     "retry_failed": ("", "Fit again what crashed, died, or ran out of memory or time."),
     "name": ("NAME", "Which; none lists what there is."),
-    "source": ("FOLDER", "Take the files from here: no download."),
     "kind": ("", "Format of the recordings."),
     "imported": ("F.csv", "Estimates by other programs, in the folder of their `export`."),
     "people": ("NAME", "Published recordings of people instead; see fetch-data."),
@@ -104,7 +98,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
 ONLY = Parameter.KEYWORD_ONLY
 #: Options that are not called like their parameters, which are reserved words or other things.
 SPELLED = {
-    **{"mapping": "--map", "estimates": "--from", "source": "--from"},
+    **{"mapping": "--map", "estimates": "--from"},
     **{"imported": "--estimates", "kind": "--format"},
 }
 
@@ -123,11 +117,9 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     def described(name: str, kind: Any, usual: Any, how: Any = ONLY) -> Parameter:
         metavar, text = MEANINGS.get(f"{function.__name__} {name}") or MEANINGS[name]
         about: dict[str, Any] = {"metavar": metavar or None, "help": text}
-        if (known := ARGUMENTS.get(name)) is not None and known.whole and kind is not str:
-            about["min"] = int(known.low)
         info = typer.Option(spelled(name), **about)
         if how is not ONLY:
-            info = typer.Argument(readable=name != "files", **about)
+            info = typer.Argument(**about)
         return Parameter(name, how, default=usual, annotation=Annotated[kind, info])
 
     parameters = signature(function, eval_str=True).parameters

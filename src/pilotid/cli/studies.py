@@ -107,16 +107,11 @@ def compare(
             pass
         _finish(out, store, plot=plot)
         if profile == "paper" and not (scenario or method):
-            repeat_paper(out, store, seed, workers)
+            from pilotid.report.paper import write_paper
+            from pilotid.study.paper import fit_trials
 
-
-def repeat_paper(folder: Path, store: Store, seed: int, workers: int | None) -> None:
-    """Write the page that has the paper's tables and figures."""
-    from pilotid.report.paper import write_paper
-    from pilotid.study.paper import fit_trials
-
-    page = write_paper(folder, store.comparison(), fit_trials(seed, workers))
-    show(make_console(), f"the paper's tables and figures: {page}")
+            page = write_paper(out, store.comparison(), fit_trials(seed, workers))
+            show(make_console(), f"the paper's tables and figures: {page}")
 
 
 def export(
@@ -139,14 +134,12 @@ def export(
     show(make_console(), words, fits)
 
 
-def report(folder: Path, *, out: Path | None = None, force: bool = False) -> None:
+def report(folder: Path) -> None:
     """Make the tables and the report of a comparison again, from its store alone."""
     from pilotid.study.table import Store
 
     with Store(folder) as store:
-        if out is not None:
-            disk.require_folder(out, TABLES, force=force)
-        _finish(out or folder, store)
+        _finish(folder, store)
 
 
 def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
@@ -209,7 +202,6 @@ def trust(
 
     The first method that is named is the one whose fit is judged, else mle.
     """
-    from pilotid.datasets.named import model_place
     from pilotid.methods import methods
     from pilotid.report.study import overview, write_report
     from pilotid.report.study_tables import advice, trust_table
@@ -226,7 +218,7 @@ def trust(
     def progress(results: Iterator[Fit], counts: Mapping[str, int]) -> Iterator[Fit]:
         return with_bar(results, "fits", sum(counts.values()))
 
-    found = trial.run(out, replications, seed, workers, model_place(model), progress)
+    found = trial.run(out, replications, seed, workers, progress)
     page = write_report(out, found.comparison)
     told = found.to_dict()
     words, losses, rankings = overview(found.comparison)
@@ -235,10 +227,10 @@ def trust(
     show(make_console(), *shown, *words, *advice(told), UNKNOWN, written)
 
 
-def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
+def fetch_data(name: str | None = None) -> None:
     """Fetch published recordings of people into the user's cache, or list them."""
     console = make_console()
-    folder = None if name is None else fetch(name, source)
+    folder = None if name is None else fetch(name)
     for people in PEOPLE.values():
         if name in (None, people["name"]):
             told = [f"{fact}: {text}" for fact, text in people.items() if text and fact != "name"]
@@ -319,7 +311,6 @@ def design(
     from pilotid.datasets import Scenario, scenario_named
     from pilotid.datasets.design import design as designed
     from pilotid.datasets.design import scenario_of_fit, write_files
-    from pilotid.datasets.named import model_place
     from pilotid.report.design import error_table, sentences, write_report
 
     read = [Path(path) for path in (scenario, estimates) if path is not None]
@@ -334,6 +325,6 @@ def design(
         made = designed(chosen, minimise, options.numbers_in("--limit", limit))
     command = shlex.join(options.TYPED)
     about = {"pilotid": version("pilotid"), "command": command}
-    write_files(out, made, about, model_place(scenario or ""))
+    write_files(out, made, about)
     page = write_report(out, made, command)
     show(make_console(), error_table(made), *sentences(made), f"report: {page}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import asdict, dataclass
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,7 +32,7 @@ from pilotid.estimate.quantities import (
 from pilotid.model.element import ControlledElement, as_element
 from pilotid.model.factors import Inverse
 from pilotid.model.model import PilotModel
-from pilotid.support.format import as_html, as_text
+from pilotid.support.format import as_text
 from pilotid.support.numbers import Z95
 from pilotid.support.remarks import remark_of, remarks_json
 from pilotid.support.types import BoolArray, FloatArray, InputError
@@ -268,9 +269,7 @@ class Estimate:
         return str(self)
 
     def _repr_html_(self) -> str:
-        known = np.isfinite(self.values).any()
-        tables = quantity_tables([(self.method, self.quantities)], 1) if known else []
-        return as_html(*tables, self.verdict(), *self.remarks)
+        return f"<pre>{escape(str(self))}</pre>"
 
     def to_dict(self, *, whole: bool = False) -> dict[str, object]:
         """Plain objects, in the form that `pilotid fit --json` writes; NaN where there is none.

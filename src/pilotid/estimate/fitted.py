@@ -20,7 +20,7 @@ from pilotid.recording.spectra import NotMultisineError, forcing_sines
 from pilotid.support.numbers import fit_rng
 from pilotid.support.remarks import Remark, gravest_first, remark_of, remarks_json, without
 from pilotid.support.terminal import show_warning
-from pilotid.support.types import one_line
+from pilotid.support.types import InputError, one_line
 
 if TYPE_CHECKING:
     from pilotid.jobs import Loss
@@ -169,9 +169,8 @@ def _identified(
 
     try:
         task = packed((method, recording, model, rng))
-    except Exception as error:
-        why = f"it cannot be handed to another process ({reason(error)})"
-        return failed(label, model, Outcome.CRASHED, why)
+    except InputError as error:
+        return failed(label, model, Outcome.CRASHED, str(error))
     (answer,) = run_tasks(_identify_packed, [task], _lost, 1)
     if isinstance(answer, bytes):
         estimate: Estimate = unpacked(answer)

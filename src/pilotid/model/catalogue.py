@@ -126,7 +126,7 @@ LEAD2_LAG_MOTION = PilotModel(
     (TWICE_LED, CANALS),
     "visual channel with (1 + tlead s)^2/(1 + tlag s) and semicircular-canal channel on "
     "acceleration (Pool, Harder & van Paassen 2016)",
-).with_start({"tdvest": 0.25})  # .2 is next to the truth of scenario `training`
+).with_start({"tdvest": 0.25})  # .2 is next to what is published
 CROSSOVER = PilotModel(
     "crossover",
     (

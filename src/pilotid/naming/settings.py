@@ -9,37 +9,23 @@ from __future__ import annotations
 
 import ast
 import dataclasses
-import enum
-import hashlib
 import math
-import pickle
 import re
 import sys
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping
 from difflib import get_close_matches
-from types import UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
-
-import numpy as np
+from typing import Any, TypeVar, get_args, get_type_hints
 
 from pilotid.support.numbers import require_settings
 from pilotid.support.types import InputError
 
 T = TypeVar("T")
-NOTHING = dataclasses.MISSING
 CALL = re.compile(r"(?P<name>(.{2,}:)?[^()]*?)\s*(\((?P<settings>.*)\))?", re.DOTALL)
 #: A text in quotes, or a word without: neither a setting's name nor that of a class.
 WORD = re.compile(
     r"""('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")|(?<![\w.])([A-Za-z_][\w.+-]*)(?!\s*[=(\w.+-])"""
 )
 CONSTANTS = {"none": "None", "true": "True", "false": "False", "inf": "1e999"}
-WANTED = {float: "a number", int: "a whole number", bool: "true or false", str: "a word"}
-SIMPLE = (type(None), bool, int, float, str, tuple)
-
-
-class SettingError(ValueError):
-    """Says what is wrong with a setting."""
 
 
 def split_list(text: str) -> list[str]:
@@ -90,18 +76,15 @@ def configured(thing: Any, text: str | None, given: str) -> Any:
     """
     kind = thing if isinstance(thing, type) else type(thing)
     try:
-        values = _values(kind, _parsed(text or ""))
+        values = _values(kind, _parsed(text)) if text else {}
         made = thing(**values) if kind is thing else thing
         made = dataclasses.replace(made, **values) if values and kind is not thing else made
         require_settings(made)
         return made
     except Exception as error:
-        usual = {n: _usual(f) if kind is thing else getattr(thing, n) for n, f in _fields(kind)}
-        words = [
-            n if v is NOTHING or len(shown(v)) > 28 else f"{n}={shown(v)}" for n, v in usual.items()
-        ]
-        there = f"its settings are {', '.join(words)}" if words else "it has no settings"
+        names = ", ".join(field.name for field in _fields(kind))
         why = str(error) or type(error).__name__
+        there = f"its settings are {names}" if names else "it has no settings"
         raise InputError(f"{given}: {why.rstrip('.')}; {there}") from error
 
 
@@ -147,11 +130,11 @@ def _parsed(text: str) -> ast.Call:
     words = WORD.sub(lambda m: m[1] or CONSTANTS.get(m[2].lower(), repr(m[2])), text)
     try:
         call = ast.parse(f"_({words})", mode="eval").body
-        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name):
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and not call.args:
             return call
     except (SyntaxError, ValueError, MemoryError, RecursionError):
         pass
-    raise SettingError(
+    raise ValueError(
         f"'{text}' is not SETTING=VALUE, ...; check brackets, and put words with other signs than "
         "letters, digits and .+- in quotes"
     )
@@ -159,42 +142,30 @@ def _parsed(text: str) -> ast.Call:
 
 def _values(kind: type, call: ast.Call) -> dict[str, object]:
     """The values of settings by their names, as the class declares them."""
-    known, values = dict(_fields(kind)), dict[str, object]()
-    hints = {}
-    with suppress(Exception):  # a class may import its types for type checkers only
-        hints = get_type_hints(kind)
-    if call.args:
-        raise SettingError(f"'{ast.unparse(call.args[0])}' is not SETTING=VALUE")
+    known, hints, values = [f.name for f in _fields(kind)], get_type_hints(kind), {}
     for keyword in call.keywords:
-        name, hint = str(keyword.arg), hints.get(str(keyword.arg), Any)
+        name = str(keyword.arg)
         if name not in known:
             near = [f", did you mean '{n}'?" for n in get_close_matches(name, known, 1)]
-            raise SettingError(f"there is no setting '{name}'{''.join(near)}")
+            raise ValueError(f"there is no setting '{name}'{''.join(near)}")
         if name in values:
-            raise SettingError(f"the setting '{name}' is given twice")
-        value = _value(keyword.value, [*kind.__mro__, *_types_in(hint)])
-        try:
-            values[name] = _converted(value, hint)
-        except SettingError:
-            wrong = f"{name} must be {_wanted(hint)}, not {shown(value)}"
-            raise SettingError(wrong) from None
+            raise ValueError(f"the setting '{name}' is given twice")
+        value = _value(keyword.value, [*kind.__mro__, *_types_in(hints[name])])
+        values[name] = _converted(name, value, hints[name])
     return values
 
 
-def _value(node: ast.expr, kinds: Sequence[type]) -> object:
+def _value(node: ast.expr, kinds: list[type]) -> object:
     """What was typed as an object; a dataclass is one known where one of the classes is written."""
     if isinstance(node, ast.Tuple | ast.List):
         return tuple(_value(entry, kinds) for entry in node.elts)
     if not isinstance(node, ast.Call):
-        try:
-            return ast.literal_eval(node)
-        except ValueError:
-            raise SettingError(f"'{ast.unparse(node)}' is no value of a setting") from None
+        return ast.literal_eval(node)
     name = ast.unparse(node.func)
     places = (vars(sys.modules[kind.__module__]) for kind in kinds)
     inner = next((p[name] for p in places if dataclasses.is_dataclass(p.get(name))), None)
     if inner is None:
-        raise SettingError(f"{name}(...) is not known there")
+        raise ValueError(f"{name}(...) is not known there")
     return inner(**_values(inner, node))
 
 
@@ -204,66 +175,22 @@ def _types_in(hint: Any) -> list[type]:
     return [hint, *inner] if isinstance(hint, type) else inner
 
 
-def _converted(value: Any, hint: Any) -> Any:
-    """A value as the declared type has it; of classes dataclasses alone are asked.
+def _converted(name: str, value: object, hint: Any) -> object:
+    """A value as the declared type has it: a whole number may be a float, and nothing else."""
+    from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-    Raises
-    ------
-    SettingError
-        If the value is of another type.
-    """
-    origin, inner = get_origin(hint), get_args(hint)
-    if origin in (Union, UnionType):
-        for kind in inner:
-            with suppress(SettingError):
-                return _converted(value, kind)
-    elif hint in (Any, object):
-        return value
-    elif origin is Literal:
-        if any(value == known and type(value) is type(known) for known in inner):
-            return value
-    elif origin in (tuple, list, Sequence):
-        kinds = inner if origin is tuple and ... not in inner else inner[:1] * len(value)
-        if isinstance(value, tuple) and len(value) == len(kinds):
-            return (list if origin is list else tuple)(map(_converted, value, kinds))
-    elif isinstance(hint, enum.EnumType):
-        if value in hint.__members__:
-            return hint[value]
-    elif hint is float and type(value) is int:
-        return float(value)
-    elif (
-        type(value) is hint
-        if hint in SIMPLE or isinstance(value, SIMPLE)
-        else (
-            not (isinstance(hint, type) and dataclasses.is_dataclass(hint))
-            or isinstance(value, hint)
-        )
-    ):
-        return value
-    raise SettingError
+    strictly = ConfigDict(strict=True, arbitrary_types_allowed=True)
+    try:  # in a tuple, since a dataclass takes no settings of others
+        return TypeAdapter(tuple[hint], config=strictly).validate_python((value,))[0]
+    except ValidationError as error:
+        why = " or ".join(dict.fromkeys(found["msg"] for found in error.errors()))
+        raise ValueError(f"{name}={shown(value)}: {why[:1].lower()}{why[1:]}") from None
 
 
-def _wanted(hint: Any) -> str:
-    """A declared type in words."""
-    inner = get_args(hint)
-    if get_origin(hint) in (Union, UnionType):
-        return " or ".join(map(_wanted, inner))
-    if get_origin(hint) is Literal or isinstance(hint, enum.EnumType):
-        return " or ".join(map(repr, inner or hint.__members__))
-    if inner:
-        return f"({', '.join('...' if kind is ... else _wanted(kind) for kind in inner)})"
-    known = {**WANTED, type(None): "none", tuple: "a list in parentheses"}
-    return known.get(hint) or f"{getattr(hint, '__name__', hint)}(...)"
-
-
-def _fields(kind: type) -> list[tuple[str, dataclasses.Field[Any]]]:
+def _fields(kind: type) -> list[dataclasses.Field[Any]]:
     """The settings of a class; only a dataclass has any."""
     known = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
-    return [(field.name, field) for field in known if field.init]
-
-
-def _usual(field: dataclasses.Field[Any]) -> object:
-    return field.default if field.default_factory is NOTHING else field.default_factory()
+    return [field for field in known if field.init]
 
 
 def labelled(name: str, thing: object, usual: object = None) -> str:
@@ -279,11 +206,15 @@ def labelled(name: str, thing: object, usual: object = None) -> str:
         The thing of that name without settings; None for that with the class's defaults.
     """
     changed = []
-    for key, field in _fields(type(thing)):
-        value = shown(getattr(thing, key))
-        default = _usual(field) if usual is None else getattr(usual, key)
-        if default is NOTHING or shown(default) != value:
-            changed.append(f"{key}={value}")
+    for field in _fields(type(thing)):
+        default = field.default
+        if usual is not None:
+            default = getattr(usual, field.name)
+        elif field.default_factory is not dataclasses.MISSING:
+            default = field.default_factory()
+        value = shown(getattr(thing, field.name))
+        if default is dataclasses.MISSING or shown(default) != value:
+            changed.append(f"{field.name}={value}")
     return f"{name}({', '.join(changed)})" if changed else name
 
 
@@ -305,42 +236,28 @@ def shown(value: object) -> str:
         case dict():
             inner = [f"{key}={shown(entry)}" for key, entry in value.items() if key != "class"]
             return f"{value.get('class', '')}({', '.join(inner)})"
-    held = plain(value)
-    return repr(held) if type(held) is type(value) else shown(held)
+    return str(plain(value))
 
 
 def plain(value: object) -> Any:
     """A value as plain objects for JSON; equal settings give equal objects.
 
     A dataclass becomes a mapping of its fields, with its name under ``class``, which no field
-    can be called.  Numbers keep all their digits.
+    can be called.  Numbers keep all their digits; what is neither number, text, list, mapping nor
+    dataclass is what it is called.
     """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {"class": type(value).__qualname__, **fields}
+    if hasattr(value, "tolist"):  # a number or an array of numpy's
+        return plain(value.tolist())
     match value:
-        case None | bool() | str():
+        case None | bool() | int() | str():
             return value
-        case enum.Enum():
-            return value.name
-        case np.generic():
-            return plain(value.item())
-        case int():
-            return int(value)
         case float():
-            return float(value) if math.isfinite(value) else str(float(value))
-        case np.ndarray():
-            return {"class": "array", "values": plain(value.tolist())}
+            return value if math.isfinite(value) else str(value)
         case list() | tuple():
             return [plain(entry) for entry in value]
         case Mapping():
             return {str(key): plain(entry) for key, entry in value.items()}
-        case set() | frozenset():
-            return sorted((plain(entry) for entry in value), key=repr)
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-        return {"class": type(value).__qualname__, **fields}
-    text = str(getattr(value, "__qualname__", "") or repr(value))
-    if not re.search(r" at 0x|<locals>|<lambda>", text):
-        return text
-    try:  # what it shows of itself is but an address
-        return f"{type(value).__qualname__} {hashlib.sha256(pickle.dumps(value)).hexdigest()[:8]}"
-    except Exception:
-        return f"{type(value).__qualname__} ?"  # it cannot cross to another process either
+    return str(getattr(value, "__qualname__", "") or repr(value))

@@ -21,7 +21,7 @@ from pilotid.model.catalogue import MODELS
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.support.format import Line, Table, as_html, as_text, table
+from pilotid.support.format import Line, Table, as_text, table
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.remarks import GRADES, Remark, codes_of, gravest_first, remarks_json, without
@@ -127,10 +127,6 @@ class Checked:
 
     def __repr__(self) -> str:
         return as_text(*self.blocks())
-
-    def _repr_html_(self) -> str:
-        texts = (b.text if isinstance(b, Line) else b for b in self.blocks())
-        return as_html(*texts)
 
 
 def check_all(

@@ -18,7 +18,6 @@ from pilotid.plots.style import leading
 from pilotid.report.page import Figure, render
 from pilotid.support.format import Line, show
 from pilotid.support.remarks import counted_grades
-from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -27,20 +26,17 @@ if TYPE_CHECKING:
 ABREAST = 3
 
 
-def html_report(fits: Sequence[Fitted], truth: FloatArray | None = None) -> str:
+def html_report(fits: Sequence[Fitted]) -> str:
     """The report as one HTML text that needs no network; equal fits give equal bytes.
 
     Parameters
     ----------
     fits
         What was fitted.
-    truth
-        True parameters of a simulation, to be drawn beside the frequency responses.
     """
     shown = []
     for number, fit in enumerate(fits, start=1):
-        drawn = figures_of(fit, truth=truth)
-        figures = [replace(figure, name=f"{figure.name}-{number}") for figure in drawn]
+        figures = [replace(figure, name=f"{figure.name}-{number}") for figure in figures_of(fit)]
         content = {**words_of(fit), **tables_of(fit, ABREAST)}
         shown.append({"key": f"recording-{number}", **content, "figures": figures})
     contents = [(own["key"], own["heading"]) for own in shown]
@@ -157,7 +153,6 @@ def summary(fit: Fitted) -> str:
 def figures_of(
     fit: Fitted,
     element: ControlledElement | None = None,
-    truth: FloatArray | None = None,
 ) -> Iterator[Figure]:
     """All figures that a recording's estimates allow, in the order of a page.
 
@@ -168,8 +163,6 @@ def figures_of(
     element
         The controlled element, for the open loops; None for that of the fit or, where it has
         none, that which the recording names.
-    truth
-        True parameters of a simulation, shape (parameters,).
     """
     from pilotid.methods.fourier import first_step_of
 
@@ -187,7 +180,7 @@ def figures_of(
     if shown or first_steps:
         drawn = [e for e in fit.estimates if e in shown or e in first_steps]
         points = None if first_steps else first_step_of(recording, fit.model)
-        figure = plots.response_figure(drawn, truth, points=points, units=recording.units)
+        figure = plots.response_figure(drawn, points=points, units=recording.units)
         caption = "Describing functions of the fitted models"
         if chosen is not None:
             caption += f", with the 95 % band of {chosen.method}"

@@ -22,7 +22,7 @@ from pilotid.datasets.simulation import remnant_ratio
 from pilotid.estimate.method import Method
 from pilotid.jobs import TIME_LIMIT, run_tasks
 from pilotid.methods import label_of, method_named, methods
-from pilotid.naming.code import code_digest, own_digest, packed, place_of, reason
+from pilotid.naming.code import code_digest, own_digest, packed, reason
 from pilotid.naming.settings import labelled, plain
 from pilotid.study import paper
 from pilotid.study.run import (
@@ -72,7 +72,9 @@ def method_entry(method: Method, position: int = 0, typed: str = "", label: str 
     registered = method.name in known
     place = known.index(method.name) if registered else len(known) + position
     if not typed:
-        typed = own if registered else labelled(place_of(type(method)), method)
+        kind = type(method)
+        place_in_code = f"{kind.__module__}:{kind.__qualname__}"
+        typed = own if registered else labelled(place_in_code, method)
     return Entry(label or own, place, plain(method), code_digest(method), typed)
 
 
@@ -271,7 +273,13 @@ class Study:
             return store.comparison()
 
     def tasks(self, keys: Iterable[Key]) -> Iterator[Task]:
-        """Fits as they cross to other processes."""
+        """Fits as they cross to other processes.
+
+        Raises
+        ------
+        InputError
+            If a method or a scenario cannot cross.
+        """
         contents = {pair: packed(tried) for pair, tried in self.pairs.items()}
         for key in keys:
             yield Task(key, self.seed, contents[key[:2]])

@@ -151,7 +151,6 @@ class Trial:
         replications: int,
         seed: int = DEFAULT_SEED,
         workers: int | None = None,
-        place: str = "",
         bar: Bar = lambda results, _: results,
     ) -> Trust:
         """Simulate and fit in a folder, which holds the study and `trust.json` then.
@@ -164,8 +163,6 @@ class Trial:
             Simulations, and the seed of all random numbers.
         workers
             Processes; None for one for each processor.
-        place
-            Where a model that is not the catalogue's is found, ``file.py:NAME``.
         bar
             Shows results as they come: the results, and how many there will be by method.
 
@@ -178,8 +175,8 @@ class Trial:
         path, known = folder / TRUST, MODELS.get(self.scenario.model.name) == self.scenario.model
         scenario: AnyScenario | str = self.scenario
         held: dict[str, object] = {"seed": seed}
-        if known or place:  # otherwise no file can name the model
-            held["scenario"] = scenario_json(self.scenario, place)
+        if known:  # otherwise no file can name the model
+            held["scenario"] = scenario_json(self.scenario)
             if path.exists() and designed_scenario(path) != self.scenario:
                 raise InputError(
                     f"{path}: is of another recording, model or method; name another folder "

@@ -120,7 +120,6 @@ LATEX = {
 }
 
 
-MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 #: Colours of lines in a terminal by their marks.
 STYLES = {"heading": "bold", "warning": "yellow", "failure": "red"}
 #: Columns between columns of a table, and width to which those of words may be folded.
@@ -179,14 +178,6 @@ def for_latex(text: str) -> str:
     return "".join(LATEX.get(letter, letter) for letter in clean(text))
 
 
-def typeset(text: str) -> str:
-    """A number's text with the signs of print."""
-    if text == NONE:
-        return DASH
-    text = re.sub(r"(?<!\d)-(?=[.\d])", MINUS, text)
-    return re.sub(r"(?<=\d)-(?=\d)", DASH, text)
-
-
 # tables
 
 
@@ -217,17 +208,6 @@ class Table(NamedTuple):
     heads: int = 1
     hints: Mapping[str, str] = {}
     marks: Mapping[str, Sequence[str]] = {}
-
-    @property
-    def printed(self) -> list[tuple[str, ...]]:
-        """The rows with the signs of print."""
-        return [
-            tuple(
-                typeset(text) if number or text == NONE else text
-                for text, number in zip(row, self.numeric, strict=True)
-            )
-            for row in self.rows
-        ]
 
 
 def table(
@@ -319,7 +299,7 @@ def markdown(table: Table) -> str:
         return f"| {' | '.join(for_markdown(text).replace('|', chr(92) + '|') for text in texts)} |"
 
     rule = f"| {' | '.join('---:' if number else '---' for number in table.numeric)} |"
-    lines = [line(table.columns), rule, *map(line, table.printed)]
+    lines = [line(table.columns), rule, *map(line, table.rows)]
     caption = for_markdown(table.caption.replace("**", ""))
     return "\n".join([*([f"**{caption}**", ""] if caption else []), *lines])
 
@@ -387,19 +367,6 @@ def as_text(*blocks: str | Line | Table) -> str:
     console = Console(file=stream, width=PLAIN_WIDTH, highlight=False, markup=False, emoji=False)
     show(console, *blocks)
     return stream.getvalue().strip("\n")
-
-
-def as_html(*blocks: str | Table) -> str:
-    """Sentences and tables as HTML, for notebooks."""
-    parts = []
-    for block in blocks:
-        if isinstance(block, str):
-            parts.append(f"<p>{inline(block)}</p>")
-            continue
-        lines = [(block.columns, "th"), *((row, "td") for row in block.printed)]
-        rows = ("".join(f"<{tag}>{inline(text)}</{tag}>" for text in row) for row, tag in lines)
-        parts.append(f"<table>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>")
-    return "".join(parts)
 
 
 def print_frame(console: Console, table: Table) -> None:

@@ -134,34 +134,15 @@ ARGUMENTS = {
     "time_limit": Range(0.0, 1e7),
 }
 RUNS = (True, "runs")  # as a text they are chosen, such as 2-5
-BAND, SHARE, FEW = Range(1.0, 1e4), Range(0.0, 1.0), Range(1, 1000, True)
-#: Settings of the methods of this package.
+#: Settings of the methods of this package: whole numbers, and others.
+COUNT, SIZE = Range(1, 1000, True), Range(1e-12, 1e6)
+#: Those of other ranges.
 SETTINGS = {
-    "band": BAND,
-    "search_band": BAND,
-    "lowest": Range(0.01, 1e3),
-    "highest": Range(1.0, 1e3),
-    "memory": Range(0.1, 1000.0),
-    "longest_delay": Range(0.01, 5.0),
+    **dict.fromkeys(("misfit", "removed", "threshold"), Range(0.0, 1.0)),
     "delays": Range(0.0, 5.0),
-    "window": Range(1.0, 1e4),
-    "step": Range(0.1, 1e4),
-    "block": Range(0.1, 100.0),
-    "misfit": SHARE,
-    "removed": SHARE,
-    "threshold": SHARE,
-    "tolerance": Range(1e-12, 1.0),
-    "damping": Range(1e-12, 1e3),
-    "pade_order": Range(1, 10, True),
-    "poles": Range(1, 40, True),
-    "zeros": Range(1, 40, True),
-    "long_poles": Range(1, 100, True),
-    "own_lags": Range(1, 40, True),
     "trend": Range(0, 10, True),
-    "effective": Range(1.0, 1e6),
+    "pade_order": Range(1, 10, True),
     "most": Range(1, 10**6, True),
-    **dict.fromkeys(("points", "rounds", "candidates", "refined", "members", "kept"), FEW),
-    **dict.fromkeys(("population", "generations", "iterations", "neighbours"), FEW),
 }
 
 
@@ -209,10 +190,11 @@ def ranged(function: Callable[P, T], spelled: Callable[[str], str] = str) -> Cal
 
 def require_settings(thing: object) -> None:
     """Refuse settings of a method of this package that are out of their ranges."""
-    if not (dataclasses.is_dataclass(thing) and type(thing).__module__.startswith("pilotid.")):
+    if not (dataclasses.is_dataclass(thing) and type(thing).__module__.startswith("pilotid.meth")):
         return
     for field in dataclasses.fields(thing):
-        given, known = getattr(thing, field.name), SETTINGS.get(field.name)
+        given = getattr(thing, field.name)
         for value in given if isinstance(given, tuple | list) else (given,):
-            if known is not None and value is not None:
-                in_range(value, known, field.name)
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                usual = COUNT if "int" in str(field.type) else SIZE
+                in_range(value, SETTINGS.get(field.name, usual), field.name)

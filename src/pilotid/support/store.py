@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -38,8 +37,7 @@ class Rows:
     folder
         Where the file is.
     create
-        Whether to write: the file is made if there is none.  One that is only read may be on a
-        medium that cannot be written.
+        Whether the file is made if there is none.
 
     Attributes
     ----------
@@ -61,11 +59,8 @@ class Rows:
             raise InputError(
                 f"{self.path}: there is no such file; name a folder that `pilotid compare` wrote"
             )
-        mode = "rwc" if create else "rw"
-        if not create and not os.access(folder, os.W_OK):  # a medium that cannot be written
-            mode = f"ro&immutable={int(not Path(f'{self.path}-wal').exists())}"
         with self._in_words():
-            self._base = self._opened(mode)
+            self._base = self._opened("rwc" if create else "rw")
 
     def close(self) -> None:
         """Close the file, which then holds everything."""
