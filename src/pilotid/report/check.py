@@ -7,28 +7,19 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import Finding, copies_among, findings, fingerprints
-from pilotid.checks.understood import REST, understood
-from pilotid.choice import default_candidates, select
+from pilotid.checks.understood import understood
 from pilotid.element_fit import ElementChoice, chosen_element
-from pilotid.estimate.applicability import lines_objection, motionless_input
-from pilotid.likelihood.constancy import constancy_of
+from pilotid.estimate.applicability import motionless_input
 from pilotid.methods import methods as every_method
-from pilotid.model.catalogue import MODELS
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.support.format import Line, Table, as_html, as_text, table
-from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.remarks import GRADES, Remark, codes_of, gravest_first, remarks_json, without
-from pilotid.support.types import InputError
 
 YES = "yes"
-MUCH_REST = 0.2  # share of the time from which a control rests is worth a line
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,11 +54,6 @@ class Checked:
         return list(findings(self.recording))
 
     @cached_property
-    def constancy(self) -> dict[str, Any] | None:
-        """Whether the pilot is constant, the sentence as ``words``; None if nobody can tell."""
-        return _constancy(self.recording)
-
-    @cached_property
     def methods(self) -> dict[str, dict[str, str]]:
         """By model and method ``yes``, or why the method cannot fit the model."""
         own, known = self.recording, every_method()
@@ -87,7 +73,6 @@ class Checked:
                 **self.understood,
                 "recorder": [asdict(fault) for fault in self.recorder],
                 "element": _element(self.element),
-                "constancy": self.constancy,
             },
             "remarks": list(self.remarks),
             "codes": codes_of(self.remarks),
@@ -101,8 +86,6 @@ class Checked:
         rows = [tuple(signal.values()) for signal in facts["signals"]]
         signals = table(rows, "", titles, dict.fromkeys(titles[4:], "{:.4g}".format))
         lines = [*_lines(facts), f"controlled element: {_element(self.element)}"]
-        if self.constancy:
-            lines.append(f"pilot: {self.constancy['words']}")
         lines += [f"recorder: {f.sentence}" for f in self.recorder if f.grade == "note"]
         return [
             Line(self.recording.description, "heading"),
@@ -177,41 +160,6 @@ def summary_of(every: Sequence[Checked]) -> str:
     return f"{words}: {', '.join(counts)}" if counts else words
 
 
-def _constancy(recording: Recording) -> dict[str, Any] | None:
-    """Whether gains and leads are constant, under the model that the recording speaks for.
-
-    None where no model has its inputs, or where the signals allow no fit.
-    """
-    able = [m for m in default_candidates(recording) if motionless_input(recording, m) is None]
-    if not able:
-        return None
-    try:
-        with np.errstate(all="ignore"):  # signals may be anything
-            # Without lines a choice takes long; of few models the larger one misses least.
-            quick = all(lines_objection(recording, m) is None for m in able)
-            large = "lead-lag-motion" if MODELS["lead-lag-motion"] in able else "lead-lag"
-            model = select(recording, able).model if quick else MODELS[large]
-            found = constancy_of(recording, model, fit_rng(DEFAULT_SEED, "constancy"))
-    except (InputError, np.linalg.LinAlgError):
-        return None
-    if found is None:
-        return None
-    p = "p < 0.001" if found.p < 0.001 else f"p = {found.p:.2g}"
-    what = f"{' and '.join(found.keys)} of the model {model.name}"
-    words = f"no sign that {what} change during the recording ({p})"
-    if found.p < ESTIMATE.changes:
-        words = (
-            f"{what} vary during the recording as people do, by less than a third ({found}; {p})"
-        )
-    if found.changes:
-        words = (
-            f"{what} change during the recording, most about t = {found.time:.0f} s ({found}; "
-            f"{p} under constant parameters). Fit the segments separately, or use the model "
-            "adapting"
-        )
-    return {**found.to_dict(), "model": model.name, "words": words}
-
-
 def _element(choice: ElementChoice) -> str:
     """The controlled element and how it is known; why not, if it is not."""
     if choice.element is None:
@@ -230,11 +178,6 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         )
     else:
         lines.append("all of the window is scored: the run-in is long enough")
-    if facts["rest"] >= MUCH_REST:
-        lines.append(
-            f"u rests at one value for {REST:g} s and more in {100.0 * facts['rest']:.0f} % of the "
-            "time (stiction or breakout force?). Linear models will attribute this to remnant"
-        )
     return lines
 
 
