@@ -114,13 +114,6 @@ def test_a_straight_line_is_taken_out_and_said(run: Run, tmp_path: Path) -> None
     assert abs(np.polyfit(np.arange(window.size), window, 1)[0]) < 1e-12
 
 
-def test_units_of_a_file_must_agree() -> None:
-    told = remarks(replace(NOMINAL, units={"e": "deg", "x": "rad", "u": "V"}))
-    (remark,) = told
-    assert "deg" in remark
-    assert "rad" in remark
-
-
 def element_changed(file: Path) -> bool:
     """Whether the controlled element of a recording of people changed, in its own axis."""
     changed = {"roll": ("C3", "C5", "C6", "C8"), "pitch": ("C4", "C5", "C7", "C8")}

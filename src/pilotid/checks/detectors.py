@@ -33,7 +33,6 @@ from pilotid.checks.timing import (
 )
 from pilotid.model.element import parsed_element
 from pilotid.recording.recording import Recording, remembered
-from pilotid.recording.spectra import floors_of
 from pilotid.support.limits import ELEMENT, RECORDER
 from pilotid.support.remarks import GRADES, Grade, Remark
 from pilotid.support.types import ComplexArray, FloatArray
@@ -85,7 +84,7 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
 
 def _found(look: _Look, ends: Sequence[Finding]) -> list[Finding]:
     found = list(ends)
-    found += [*look.lost(found), *look.floors(), *look.steps()]
+    found += [*look.lost(found), *look.steps()]
     if not any(f.code in ("lost-samples", "appended-runs") for f in found):
         found += look.identity()
         found += look.times(found)
@@ -189,35 +188,13 @@ class _Look:
             if name not in self.signals:
                 continue
             step, rms = step_of(self.signals[name]), float(np.std(self.signals[name]))
-            if step > RECORDER.lattice * rms:
-                words = f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms"
-                coarse = step > RECORDER.coarse * rms
-                if coarse:
-                    words += (
-                        ": small movements are lost, and the controlled element may not show; "
-                        "record with finer steps, and name the element with --element"
-                    )
-                grade: Grade = "doubt" if coarse else "note"
-                yield Finding("rounded", name, grade, step, self.units[name], words)
-
-    def floors(self) -> Iterator[Finding]:
-        """White noise, whose spectrum is flat where that of a loop falls."""
-        own = self._unanswered > RECORDER.unanswered
-        floors = floors_of(self.recording)
-        for name in ("x", "e"):
-            if name not in self.signals or not self._slope(name) > RECORDER.flat:
-                continue
-            if not own and not (name == "e" and self._apart > RECORDER.own):
-                continue
-            usable = floors.usable((name,)) / (2.0 * math.pi)
-            size = math.sqrt(floors.floor[name] * math.pi / self.dt)
-            words = (
-                f"{name} is usable up to {usable:.2g} Hz: it is met by a floor there, of noise or "
-                f"rounding of {size:.2g} {self.units[name]}".rstrip()
-                + "; mle allows for it; record with less noise or more digits to use more"
-            )
-            grade: Grade = "note" if usable >= 1.0 else "doubt"
-            yield Finding("noise", name, grade, size, self.units[name], words, usable)
+            if step > RECORDER.coarse * rms:
+                words = (
+                    f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms: small "
+                    "movements are lost, and the controlled element may not show; record with "
+                    "finer steps, and name the element with --element"
+                )
+                yield Finding("rounded", name, "doubt", step, self.units[name], words)
 
     @property
     def _apart(self) -> float:
@@ -226,40 +203,6 @@ class _Look:
             return 0.0
         e, x, ft = (self.signals[n] for n in ("e", "x", "ft"))
         return float(np.std(e - ft + x) / np.std(e))
-
-    def _slope(self, name: str) -> float:
-        """Slope of the upper part of a spectrum [dB an octave]; NaN if it is too short."""
-        top = self.hertz > 0.35 * self.hertz[-1] if self.hertz.size else np.zeros(0, dtype=bool)
-        if np.count_nonzero(top) < 4:
-            return math.nan
-        return float(
-            np.polyfit(np.log2(self.hertz[top]), 10 * np.log10(self.power[name][top]), 1)[0]
-        )
-
-    @property
-    def _unanswered(self) -> float:
-        """Share of x that is no smooth answer to the drive, in the upper half of the bands.
-
-        In each band the answer is a polynomial of order two in frequency times the drive.
-        """
-        if "x" not in self.signals or not self.bands:
-            return 1.0
-        output, drive = self.spectra["x"], _transform(self.drive)
-        first, last = 0.35 * self.hertz[-1], 0.75 * self.hertz[-1]
-        shares = []
-        for (a, b), at in zip(self.bands, self.hertz, strict=True):
-            if not first < at < last or len(output) * (b - a) < 9:
-                continue
-            along = np.linspace(-1.0, 1.0, b - a)
-            columns = np.stack([drive[:, a:b] * along**i for i in range(3)], axis=-1).reshape(-1, 3)
-            wanted = output[:, a:b].ravel()
-            size = np.abs(wanted)
-            weight = 1.0 / np.maximum(size, np.median(size) + 1e-300)  # lines must not rule
-            weighted, target = columns * weight[:, None], wanted * weight
-            left = target - weighted @ np.linalg.lstsq(weighted, target, rcond=None)[0]
-            total = float(np.mean(np.abs(target) ** 2)) or 1.0
-            shares.append(float(np.sum(np.abs(left) ** 2)) / (len(left) - 3) / total)
-        return float(np.median(shares)) if shares else 1.0
 
     def lost(self, found: Sequence[Finding]) -> Iterator[Finding]:
         """Samples of x lost, repeated or spiked: x cannot be told from its past and its drive."""
@@ -335,7 +278,6 @@ class _Look:
             return
         # Noise on x, which stands on the right-hand side, moves times and shares.
         biased = RECORDER.biased * best.left
-        noisy = any(f.signal == "x" and f.code in ("noise", "resampled") for f in found)
         least = max(RECORDER.errors * best.error, RECORDER.apart[0] * self.dt, RECORDER.apart[1])
         if best.error < RECORDER.told and abs(best.late) > least + biased:
             # Where x answers to the two before fd moves, fd is late and u is not.
@@ -347,7 +289,7 @@ class _Look:
         off = abs(best.share - 1.0)
         least = RECORDER.errors * best.share_error
         if (
-            not (noisy and best.left > RECORDER.exact)
+            best.left <= RECORDER.exact
             and best.share_error < 0.05 * max(1.0, abs(best.share))
             and off > max(least, RECORDER.gain)
         ):
@@ -417,7 +359,7 @@ class _Look:
                     f"runs {one + 1} and {other + 1} have the same control: one is a copy of the "
                     "other; leave it out"
                 )
-                yield Finding("repeated-samples", "u", "wrong", 1.0, "", words)
+                yield Finding("copied-run", "u", "wrong", 1.0, "", words)
 
 
 def _late(name: str, other: str, late: float, dt: float, why: str) -> Finding:
@@ -570,5 +512,5 @@ def copies_among(names: Sequence[str], prints: Sequence[Sequence[str]]) -> dict[
                 f"run {one.index(copy) + 1} has the same control as run {other.index(copy) + 1} of "
                 f"{names[j]}: one is a copy of the other; leave it out"
             )
-            said[i] = [Remark("repeated-samples", words, "wrong")]
+            said[i] = [Remark("copied-run", words, "wrong")]
     return said

@@ -31,7 +31,6 @@ from pilotid.recording.windows import (
     file_of,
     sidecar_path,
     span_of,
-    spanned,
     whole_periods,
 )
 from pilotid.support.disk import path_shown, write_file
@@ -342,7 +341,7 @@ class Reading:
         recording = load_recording(file, self.names, self.dt, periods=not self.span)
         recording = replace(recording, lead_in=self.lead_in)
         if self.span:
-            recording = spanned(recording, *span_of(self.span))
+            recording = recording.cut(*span_of(self.span))
         return detrended(recording) if self.detrend else recording
 
     def all(self, files: Sequence[Path], *, joint: bool) -> tuple[list[Recording], list[str]]:

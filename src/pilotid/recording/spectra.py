@@ -210,11 +210,6 @@ class Answer:
     runs: int
 
     @property
-    def strength(self) -> float:
-        """By how much the mean ratio exceeds 1, in units of its scatter without an answer."""
-        return float((np.mean(self.ratios) - 1.0) * np.sqrt(self.runs * self.ratios.size))
-
-    @property
     def loud(self) -> int:
         """Number of lines that stand out of the noise."""
         loud = 1.0 + (LOUD - 1.0) / np.sqrt(self.runs)  # chance scatters less in a mean of runs

@@ -126,25 +126,6 @@ def _repeated(signals: FloatArray, delay: int) -> tuple[int, int]:
     return int(edges[2 * longest]), int(lengths[longest])
 
 
-def spanned(recording: Recording, start: float, end: float) -> Recording:
-    """A span of the window, see `Recording.cut`, and a note where it is short for its lines."""
-    part = recording.cut(start, end)
-    try:
-        whole = whole_periods(recording)
-        lines = [own[0] for own in forcing_lines(whole).values()]
-    except NotMultisineError:
-        return part
-    slowest = whole.duration / min(lines) if lines else 0.0
-    if part.duration >= slowest * (1.0 - 1e-9):
-        return part
-    note = Remark(
-        "short-span",
-        f"the span of {part.duration:.4g} s is shorter than one period of the slowest line of the "
-        f"forcing functions ({slowest:.4g} s): what pilots do that slowly is not known from it",
-    )
-    return replace(part, treatment=(*part.treatment, note))
-
-
 #: What stands between a file and the part of it that is meant.
 INSIDE = "::"
 
