@@ -82,7 +82,6 @@ class ElementLimits(NamedTuple):
     slowest_zero: float = 0.5  # rad/s, of the right half-plane beside which people cross over
     fastest_pole: float = 8.0  # rad/s, of an element that people stabilise (Jex 1966: 6)
     sensitivity: float = 4.0  # largest, of a loop that people close
-    halves: float = 95.0  # share of x [%] that each half must explain by itself to say it changes
     #: rms of the relative difference of two responses from which they are different elements; a
     #: delay of a sample or two between the recorder's channels is less.
     different: float = 0.1
