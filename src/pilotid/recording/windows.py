@@ -130,17 +130,15 @@ def _repeated(signals: FloatArray, delay: int) -> tuple[int, int]:
 INSIDE = "::"
 
 
-def file_and_parts(path: str | os.PathLike[str]) -> tuple[Path, list[str]]:
-    """The file of a path such as ``F.mat::identification``, and the names of the part."""
-    whole = Path(path)
-    file, *parts = str(path).split(INSIDE)
-    named = file and parts and not os.path.exists(whole)
-    return (Path(file), parts) if named else (whole, [])
+def file_and_part(path: str | os.PathLike[str]) -> tuple[Path, str]:
+    """The file of a path such as ``F.mat::identification``, and the name of the part."""
+    file, _, part = str(path).partition(INSIDE)
+    return (Path(file), part) if file and part and not os.path.exists(path) else (Path(path), "")
 
 
 def file_of(path: str | os.PathLike[str]) -> Path:
     """The file of a path such as ``F.mat::identification``."""
-    return file_and_parts(path)[0]
+    return file_and_part(path)[0]
 
 
 def sidecar_path(path: Path) -> Path:
@@ -150,8 +148,8 @@ def sidecar_path(path: Path) -> Path:
 
 def stem_of(path: str | os.PathLike[str]) -> str:
     """The name of a recording: that of its file without the suffix, and of the part."""
-    file, parts = file_and_parts(path)
-    return INSIDE.join([file.stem, *parts])
+    file, part = file_and_part(path)
+    return f"{file.stem}{INSIDE}{part}" if part else file.stem
 
 
 def of_runs(recording: Recording, runs: Sequence[int], words: str) -> Recording:
