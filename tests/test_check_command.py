@@ -14,7 +14,6 @@ import pilotid
 from pilotid.checks.checks import remarks
 from pilotid.checks.understood import understood
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.methods import methods
 from pilotid.recording.files import detrended, load_recording, save_recording
 from pilotid.recording.recording import Recording
 from pilotid.support.disk import strict_json
@@ -34,13 +33,12 @@ def written(recording: Recording, path: Path) -> Path:
 def test_json_has_everything_and_keeps_the_names(run: Run, tmp_path: Path) -> None:
     wrong = replace(OTHER, u=-OTHER.u)
     one, two = written(NOMINAL, tmp_path / "F.csv"), written(wrong, tmp_path / "G.mat")
-    printed = run("check", one, two, "--json", "-", "--model", "single")
+    printed = run("check", one, two, "--json", "-")
     assert printed.status == 0
     first, second = strict(printed.out)
-    assert set(first) == {"recording", "understood", "remarks", "codes", "methods"}
+    assert set(first) == {"recording", "understood", "remarks", "codes"}
     assert first["recording"]["lines"]["ft"][0] == 6
     assert first["remarks"] == first["recording"]["remarks"] == []
-    assert first["methods"] == {"single": dict.fromkeys(methods(), "yes")}
     facts = first["understood"]
     assert (facts["runs"], facts["rate"], facts["duration"], facts["run_in"]) == (1, 50, 81.92, 8)
     assert [s["origin"] for s in facts["signals"]] == ["e", "u", "x", "ft", "fd"]
@@ -52,8 +50,8 @@ def test_json_has_everything_and_keeps_the_names(run: Run, tmp_path: Path) -> No
 
 def test_python_says_what_the_command_says(run: Run, tmp_path: Path) -> None:
     file = written(replace(NOMINAL, u=-NOMINAL.u), tmp_path / "F.csv")
-    found = pilotid.check(load_recording(file), models=["single"], element="4/s^2")
-    options = ("check", file, "--model", "single", "--element", "4/s^2")
+    found = pilotid.check(load_recording(file), element="4/s^2")
+    options = ("check", file, "--element", "4/s^2")
     assert [(r.code, r.grade) for r in found.remarks] == [("wrong-sign", "wrong")]
     assert f"{found}\n" == run(*options).out
     printed = strict(run(*options, "--json", "-").out)

@@ -1,4 +1,4 @@
-"""What was understood of a recording, what is wrong with it, and what methods can do."""
+"""What was understood of a recording, and what is wrong with it."""
 
 from __future__ import annotations
 
@@ -11,15 +11,10 @@ from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import Finding, copies_among, findings, fingerprints
 from pilotid.checks.understood import understood
 from pilotid.element_fit import ElementChoice, chosen_element
-from pilotid.estimate.applicability import motionless_input
-from pilotid.methods import methods as every_method
 from pilotid.model.element import ControlledElement
-from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.support.format import Line, Table, as_html, as_text, table
 from pilotid.support.remarks import GRADES, Remark, codes_of, gravest_first, remarks_json, without
-
-YES = "yes"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,14 +29,11 @@ class Checked:
         Its controlled element, and how it is known.
     remarks
         What is wrong with it, each with a ``code`` and a ``grade``, the sentence itself as text.
-    models
-        Those of which `methods` tells.
     """
 
     recording: Recording
     element: ElementChoice
     remarks: tuple[Remark, ...]
-    models: Sequence[PilotModel]
 
     @cached_property
     def understood(self) -> dict[str, Any]:
@@ -52,18 +44,6 @@ class Checked:
     def recorder(self) -> list[Finding]:
         """What the recorder did to the signals."""
         return list(findings(self.recording))
-
-    @cached_property
-    def methods(self) -> dict[str, dict[str, str]]:
-        """By model and method ``yes``, or why the method cannot fit the model."""
-        own, known = self.recording, every_method()
-        return {
-            m.name: {
-                name: motionless_input(own, m) or method.objection(own, m) or YES
-                for name, method in known.items()
-            }
-            for m in self.models
-        }
 
     def to_dict(self) -> dict[str, Any]:
         """Plain objects, in the form that `pilotid check --json` writes."""
@@ -76,7 +56,6 @@ class Checked:
             },
             "remarks": list(self.remarks),
             "codes": codes_of(self.remarks),
-            "methods": self.methods,
         }
 
     def blocks(self) -> list[str | Line | Table]:
@@ -93,7 +72,6 @@ class Checked:
             *lines,
             *(Line(remark.line("recording"), "warning") for remark in self.remarks),
             *([] if self.remarks else ["nothing is wrong with the signals"]),
-            *(_methods(name, able) for name, able in self.methods.items()),
         ]
 
     @property
@@ -118,7 +96,6 @@ class Checked:
 
 def check_all(
     recordings: Sequence[Recording],
-    models: Sequence[PilotModel],
     element: ControlledElement | None = None,
     ignored: Collection[str] = (),
 ) -> list[Checked]:
@@ -128,8 +105,6 @@ def check_all(
     ----------
     recordings
         The recordings.
-    models
-        Models of which is told what methods can do.
     element
         The controlled element, to compare with what is seen.
     ignored
@@ -142,7 +117,6 @@ def check_all(
             recording,
             choice,
             without((*copies.get(n, ()), *remarks(recording), *choice.remarks), ignored),
-            models,
         )
         for n, (recording, choice) in enumerate(zip(recordings, choices, strict=True))
     ]
@@ -196,16 +170,3 @@ def _forcing(forcing: dict[str, Any]) -> str:
             f"{forcing['coherence']:.2f} in the median)"
         )
     return words
-
-
-def _methods(model: str, answers: dict[str, str]) -> str:
-    """One line that says which methods can fit a model, and why others cannot."""
-    able = [label for label, answer in answers.items() if answer == YES]
-    text = f"model {model}: {', '.join(able) or 'no method'} can fit it"
-    reasons: dict[str, list[str]] = {}
-    for label, answer in answers.items():
-        if answer != YES:
-            reasons.setdefault(answer, []).append(label)
-    for reason, labels in reasons.items():
-        text += f"\n  not {', '.join(labels)}: {reason}"
-    return text
