@@ -9,7 +9,6 @@ notice, or else the one of the smallest Bayesian information criterion.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,11 +22,9 @@ from pilotid.checks.element_forms import (
     spectra_in_window,
 )
 from pilotid.estimate.loops import LoopElement
-from pilotid.estimate.quantities import Quantity
 from pilotid.model.element import ControlledElement, parsed_element
 from pilotid.recording.recording import Recording, remembered, unit_sized
 from pilotid.support.limits import ELEMENT
-from pilotid.support.numbers import Z95
 from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.types import FloatArray
 
@@ -47,11 +44,6 @@ class IdentifiedElement:
     element
         With numbers of four digits and a name that `element_named` reads; None if there is
         nothing to tell it from.
-    form
-        Its form, for example ``K/(s(s+a))``.
-    parameters
-        Its numbers before rounding, with standard errors and 95 % intervals.  A delay below zero,
-        of a sample or so, is that between the recorder's channels; the element then has none.
     explained
         Share of the power of x [%] that it explains, up to 25 rad/s.
     response_error
@@ -61,8 +53,6 @@ class IdentifiedElement:
     """
 
     element: ControlledElement | None
-    form: str = ""
-    parameters: tuple[Quantity, ...] = ()
     explained: float = float("nan")
     response_error: float = float("nan")
     remark: str = ""
@@ -71,17 +61,6 @@ class IdentifiedElement:
     def sound(self) -> bool:
         """Whether it can be relied on without being asked for."""
         return self.element is not None and not self.remark
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain objects, as JSON has them."""
-        return {
-            "element": None if self.element is None else self.element.name,
-            "form": self.form,
-            "parameters": {q.key: q.to_dict() for q in self.parameters},
-            "explained": self.explained,
-            "response_error": self.response_error,
-            "remark": self.remark,
-        }
 
 
 @remembered
@@ -102,8 +81,6 @@ def identified_element(recording: Recording) -> IdentifiedElement:
     element = chosen.form.element(values)
     return IdentifiedElement(
         element,
-        str(chosen.form),
-        tuple(_quantities(chosen)),
         chosen.explained,
         error,
         _remark(element, chosen.explained, error),
@@ -123,13 +100,6 @@ def _is_steerable(fit: FormFit) -> bool:
         return False
     z, p = np.meshgrid(zero, pole)
     return bool(np.all(z + p <= ELEMENT.sensitivity * np.abs(z - p)))
-
-
-def _quantities(fit: FormFit) -> Iterator[Quantity]:
-    errors = np.sqrt(np.diag(fit.covariance)).tolist()
-    units = fit.form.units.items()
-    for (key, unit), v, e in zip(units, fit.values.tolist(), errors, strict=True):
-        yield Quantity(key, unit, v, e, v - Z95 * e, v + Z95 * e)
 
 
 def _remark(element: ControlledElement, explained: float, error: float) -> str:

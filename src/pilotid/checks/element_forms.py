@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
+from operator import attrgetter
 
 import numpy as np
 
@@ -37,12 +38,9 @@ class Form:
     zero: bool = False
 
     @property
-    def units(self) -> dict[str, str]:
-        """Parameters, the delay last, and their units but for that of the gain."""
-        zero = {"z": "rad/s"} if self.zero else {}
-        powers = ["rad/s", *(f"rad^{n}/s^{n}" for n in range(2, self.free + 1))][: self.free]
-        free = {f"a{n}" if self.free > 1 else "a": unit for n, unit in enumerate(powers, 1)}
-        return {"K": "", **zero, **free, "delay": "s"}
+    def size(self) -> int:
+        """Number of parameters: K, z, a1 and so on, and last the delay."""
+        return 2 + self.zero + self.free
 
     def polynomials(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Numerator and denominator, highest power first."""
@@ -72,27 +70,19 @@ class Form:
         values
             The parameters, with a delay that is not negative.
         """
-        numbers = [f"{value:.4g}" for value in values]
-        top, bottom = self.polynomials(np.array([float(number) for number in numbers]))
-        name = self._name(dict(zip(self.units, numbers, strict=True)))
-        return ControlledElement(
-            tuple(top.tolist()), tuple(bottom.tolist()), float(numbers[-1]), name
-        )
-
-    def _name(self, shown: dict[str, str]) -> str:
-        delay, powers = shown["delay"], [f"s^{n}" if n > 1 else "s" * n for n in range(6)]
-        top = shown["K"] + (f"(s{_signed(shown['z'])})" if self.zero else "")
-        top += f"exp(-{delay}s)" if float(delay) else ""
-        keys = [key for key in self.units if key.startswith("a")]
-        terms = [_signed(shown[k]) + powers[self.free - n] for n, k in enumerate(keys, 1)]
-        free = f"({powers[self.free]}{''.join(terms)})" if self.free else ""
-        integrators = powers[self.integrators]
-        if integrators and free:
-            return f"{top}/({integrators}{free})"
-        return f"{top}/{integrators}{free}" if integrators or free else top
-
-    def __str__(self) -> str:
-        return self._name({**{key: key for key in self.units}, "delay": "0"})
+        rounded = [float(f"{value:.4g}") for value in values]
+        top, bottom = self.polynomials(np.array(rounded))
+        _, *others, delay = rounded
+        powers = [f"s^{n}" if n > 1 else "s" * n for n in range(self.free, -1, -1)]
+        name = f"{rounded[0]:g}" + (f"(s{others.pop(0):+g})" if self.zero else "")
+        name += f"exp(-{delay:g}s)" if delay else ""
+        terms = [f"{value:+g}{power}" for value, power in zip(others, powers[1:], strict=True)]
+        free = f"({powers[0]}{''.join(terms)})" if self.free else ""
+        below = ["", "s", "s^2"][self.integrators] + free
+        if self.integrators and free:
+            below = f"({below})"
+        name += f"/{below}" if below else ""
+        return ControlledElement(tuple(top.tolist()), tuple(bottom.tolist()), delay, name)
 
 
 def differences(
@@ -101,10 +91,6 @@ def differences(
     """Derivatives by each value, shape (values, n), of a function that is `there` (n,) at them."""
     steps = DIFFERENCE * np.maximum(np.abs(values), 1e-2) * np.eye(len(values))
     return np.array([(function(values + step) - there) / step.sum() for step in steps])
-
-
-def _signed(number: str) -> str:
-    return number if number.startswith("-") else f"+{number}"
 
 
 #: From the simplest on.
@@ -148,7 +134,7 @@ class FormFit:
     Attributes
     ----------
     form, values
-        Parameters in the order of `Form.units`.
+        Parameters: K, z, a1 and so on, and last the delay.
     covariance
         Of the values.
     criterion
@@ -441,23 +427,19 @@ def forms_fitted(spectra: Spectra, dt: float) -> list[FormFit]:
     if noisy and not np.any(spectra.doubtful):
         return forms_fitted(replace(spectra, doubtful=doubtful), dt)
     if best.values[-1] > LATE:
-        simpler = [form for form in FORMS if _size(form) < _size(best.form)]
+        simpler = [form for form in FORMS if form.size < best.form.size]
         fits += _pass(spectra, dt, simpler, float(best.values[-1]))
     return fits
 
 
 def _pass(spectra: Spectra, dt: float, forms: Sequence[Form], delay: float = 0.0) -> list[FormFit]:
     fits: list[FormFit] = []
-    for _, alike in groupby(sorted(forms, key=_size), key=_size):
+    for _, alike in groupby(sorted(forms, key=attrgetter("size")), key=attrgetter("size")):
         found = (fitted_form(spectra, form, dt, delay) for form in alike)
         fits += [fit for fit in found if fit is not None]
         if any(fit.unexplained.max() <= UNNOTICED**2 for fit in fits):
             break
     return fits
-
-
-def _size(form: Form) -> int:
-    return len(form.units)
 
 
 def simplest(fits: Sequence[FormFit]) -> FormFit:
