@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -32,29 +31,19 @@ NameCheck = Callable[[Recording], Remark | None]
 RELATED = ("appended-runs", "late-signal", "gain-differs", "includes-fd", "rounded")
 
 
-class Check(NamedTuple):
-    """A row of the table: what is told where a statistic is beyond the limit."""
-
-    code: str
-    limit: float
-    find: Callable[[Recording], Found]
-
-    def __call__(self, recording: Recording) -> Remark | None:
-        """What the check says of a recording."""
-        told = (words for size, words in self.find(recording) if size > self.limit)
-        words = next(told, None)
-        return None if words is None else Remark(self.code, words)
+CHECKS: list[NameCheck] = []
 
 
-CHECKS: list[Check] = []
+def check(code: str, limit: float = 0.0) -> Callable[[Callable[[Recording], Found]], NameCheck]:
+    """Put a function into the table: what it says first of a statistic beyond the limit is told."""
 
+    def listed(find: Callable[[Recording], Found]) -> NameCheck:
+        def told(recording: Recording) -> Remark | None:
+            words = (words for size, words in find(recording) if size > limit)
+            return next((Remark(code, own) for own in words), None)
 
-def check(code: str, limit: float = 0.0) -> Callable[[Callable[[Recording], Found]], Check]:
-    """Put a function into the table."""
-
-    def listed(find: Callable[[Recording], Found]) -> Check:
-        CHECKS.append(Check(code, limit, find))
-        return CHECKS[-1]
+        CHECKS.append(told)
+        return told
 
     return listed
 

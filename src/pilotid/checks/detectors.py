@@ -73,29 +73,25 @@ class Finding:
 @remembered
 def findings(recording: Recording) -> tuple[Finding, ...]:
     """All faults of the recorder that the signals show, the gravest first."""
-    moving = _moving(recording)
-    if not {"e", "u"} <= set(moving):
+    look = _Look(recording)
+    if not {"e", "u"} <= set(look.signals):
         return ()
     with np.errstate(all="ignore"):  # a signal may be of any size
-        found = _found(_Look(recording, moving), _ends(recording))
+        found = list(_ends(recording))
+        found += [*look.lost(found), *look.steps()]
+        if not any(f.code in ("lost-samples", "appended-runs") for f in found):
+            found += look.identity()
+            found += look.times(found)
+        found += look.copies()
     once = {(f.code, f.signal): f for f in reversed(found)}
     return tuple(sorted(once.values(), key=lambda finding: GRADES.index(finding.grade)))
-
-
-def _found(look: _Look, ends: Sequence[Finding]) -> list[Finding]:
-    found = list(ends)
-    found += [*look.lost(found), *look.steps()]
-    if not any(f.code in ("lost-samples", "appended-runs") for f in found):
-        found += look.identity()
-        found += look.times(found)
-    return found + list(look.copies())
 
 
 @remembered
 def _ends(recording: Recording) -> tuple[Finding, ...]:
     """What ends the band of a signal, so that nothing is left of it above."""
     with np.errstate(all="ignore"):
-        look = _Look(recording, _moving(recording))
+        look = _Look(recording)
         return (*look.falls(), *look.grids())
 
 
@@ -104,27 +100,13 @@ def band_end(recording: Recording) -> float:
     return 2.0 * math.pi * min((f.usable for f in _ends(recording)), default=math.inf)
 
 
-def _moving(recording: Recording) -> dict[str, FloatArray]:
-    signals = {name: recording.window(recording.input(name)) for name in recording.signals}
-    return {name: s for name, s in signals.items() if np.any(np.diff(s, axis=1))}
-
-
 class _Look:
     """The signals of a recording that move, and what several detectors use of them."""
 
-    def __init__(self, recording: Recording, signals: dict[str, FloatArray]) -> None:
-        self.recording, self.signals, self.dt = recording, signals, recording.dt
-        self.samples = recording.samples
-        self.bands = _bands(self.samples, self.dt)
-        self.hertz = np.array([math.sqrt(a * b) for a, b in self.bands]) / recording.duration
-        self.bins = np.diff(self.bands, axis=1).ravel() * len(recording.u)
-        self.spectra = {name: _transform(signal) for name, signal in signals.items()}
-        self.power = {name: self._power(spectrum) for name, spectrum in self.spectra.items()}
-        self.units = {name: recording.units.get(name, "") for name in signals}
-
-    def _power(self, spectrum: ComplexArray) -> FloatArray:
-        density = np.mean(np.abs(spectrum) ** 2, axis=0)
-        return np.array([np.median(density[a:b]) for a, b in self.bands]) + 1e-300
+    def __init__(self, recording: Recording) -> None:
+        self.recording, self.dt = recording, recording.dt
+        every = {name: recording.window(recording.input(name)) for name in recording.signals}
+        self.signals = {name: s for name, s in every.items() if np.any(np.diff(s, axis=1))}
 
     @property
     def drive(self) -> FloatArray:
@@ -133,18 +115,23 @@ class _Look:
 
     def falls(self) -> Iterator[Finding]:
         """Low-pass filters: spectra of pilots and elements fall, but nowhere that steeply."""
-        if self.hertz.size < 10:
+        bands = _bands(self.recording.samples, self.dt)
+        if len(bands) < 10:
             return
+        hertz = np.array([math.sqrt(a * b) for a, b in bands]) / self.recording.duration
+        bins = np.diff(bands, axis=1).ravel() * self.recording.runs
         for which, name in enumerate(("u", "x")):
             if name not in self.signals:
                 continue
-            level = 10.0 * np.log10(self.power[name])
-            slope, at = level[3:] - level[:-3], self.hertz[:-3]
-            known = (at > 1.0) & (self.bins[:-3] >= FEWEST)
+            power = np.mean(np.abs(_transform(self.signals[name])) ** 2, axis=0)
+            middle = np.array([np.median(power[begin:end]) for begin, end in bands])
+            level = 10.0 * np.log10(middle + 1e-300)
+            slope, at = level[3:] - level[:-3], hertz[:-3]
+            known = (at > 1.0) & (bins[:-3] >= FEWEST)
             if not known.any():
                 continue
             steepest = first = int(np.argmin(np.where(known, slope, 0.0)))
-            between = known[:-3] & (self.hertz[:-6] < 9.0)
+            between = known[:-3] & (hertz[:-6] < 9.0)
             octave = float(np.min((level[6:] - level[:-6])[between], initial=0.0))
             half = RECORDER.half_octave[which]
             if slope[steepest] >= half and octave >= RECORDER.octave[which]:
@@ -153,8 +140,8 @@ class _Look:
                 first -= 1
             usable = float(at[first])
             # Between the lines of a recording without remnant there is next to nothing anyway.
-            density = 10.0 * np.log10(np.mean(np.abs(self.spectra[name]) ** 2, axis=0) + 1e-300)
-            out = [np.max(density[begin:end]) for begin, end in self.bands] - level
+            density = 10.0 * np.log10(power + 1e-300)
+            out = [np.max(density[begin:end]) for begin, end in bands] - level
             if np.max(out) > RECORDER.lines[0] or np.max(out[steepest + 3 :]) > RECORDER.lines[1]:
                 continue
             words = (
@@ -194,7 +181,8 @@ class _Look:
                     "movements are lost, and the controlled element may not show; record with "
                     "finer steps, and name the element with --element"
                 )
-                yield Finding("rounded", name, "doubt", step, self.units[name], words)
+                unit = self.recording.units.get(name, "")
+                yield Finding("rounded", name, "doubt", step, unit, words)
 
     @property
     def _apart(self) -> float:

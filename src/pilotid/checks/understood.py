@@ -83,6 +83,6 @@ def _forcing(recording: Recording, name: str) -> dict[str, Any]:
         "highest": lines[-1] * base if lines else None,
         "given": name in recording.lines,
         "answered": None if answer is None else answer.loud,
-        "coherence": None if answer is None else float(np.median(answer.coherence)),
+        "coherence": None if answer is None else answer.coherence,
         "why": "" if lines else why,
     }
