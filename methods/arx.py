@@ -231,7 +231,7 @@ def _regression(prediction: Prediction, poles: int, lags: list[tuple[int, int]])
     output, inputs = prediction.signals
     zeros, delays = zip(*((high - low + 1, low) for low, high in lags), strict=True)
     everything = Structure(poles, zeros, delays)
-    count = len(prediction.terms)
+    count = len(prediction.nuisance_poles)
 
     def regression(terms: int) -> Regression:
         nuisance = prediction.nuisance_terms[:, :terms]

@@ -36,8 +36,9 @@ import numpy as np
 from pilotid.estimate.applicability import one_signal
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.warnings import is_vague
+from pilotid.likelihood.estimates import make_estimate
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.output_error import make_estimate, too_short
+from pilotid.likelihood.output_error import too_short
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.likelihood.settings import LikelihoodSettings
@@ -148,7 +149,7 @@ class Bayes(LikelihoodSettings):
             f"after {draws.chains[1]} steps the ensembles have {draws.effective.min():.0f} "
             f"effective draws, of {self.effective:.0f} wanted, and R-hat {draws.r_hat.max():.3f}"
         )
-        pilot = joint.pilot
+        pilot = joint.pilot_count
         values = draws.centre[:pilot]
         highest = self.intervals == "highest-density"
         intervals = draws.highest_density if highest else draws.equal_tailed

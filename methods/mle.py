@@ -27,7 +27,7 @@ import numpy as np
 
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.likelihood.diagnostics import fit_remarks, tested_specification
-from pilotid.likelihood.output_error import make_estimate
+from pilotid.likelihood.estimates import make_estimate
 from pilotid.likelihood.profile import profile_likelihood, with_profile
 from pilotid.likelihood.search import maxima_from, maximise_likelihood
 from pilotid.likelihood.settings import LikelihoodSettings
@@ -35,7 +35,7 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.support.types import FloatArray
 
-#: Why an optimum is none of a pilot.
+#: What is said where no optimum passes `PilotCheck`.
 NO_PILOT = "no optimum is a pilot in a stable loop, or explains the control where none is known"
 
 

@@ -32,8 +32,8 @@ import numpy as np
 from pilotid.element_fit import closing_element
 from pilotid.estimate.applicability import varying
 from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.likelihood.estimates import make_estimate
 from pilotid.likelihood.instruments import Moments, forcing_functions, references
-from pilotid.likelihood.output_error import make_estimate
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.likelihood.settings import LikelihoodSettings
 from pilotid.model.loops import is_stable

@@ -21,8 +21,9 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimate.estimate import Estimate
+from pilotid.likelihood.estimates import starts_of
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.output_error import WhiteLikelihood, record
+from pilotid.likelihood.output_error import WhiteLikelihood
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.settings import StartSettings
 from pilotid.model.model import PilotModel
@@ -64,4 +65,4 @@ class MLEWhite(WhiteLikelihood, StartSettings):
         coarse = Likelihood(predict(recording, model, self.search_band))
         found = search(coarse.gram, model, rng, candidates=self.candidates, refined=self.refined)
         estimate = self.polished(self.name, recording, model, found)
-        return replace(estimate, starts=record(found))
+        return replace(estimate, starts=starts_of(found))

@@ -261,7 +261,7 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
         length=length,
         first=0,
         scored=length,
-        terms=(),
+        nuisance_poles=(),
     )
 
 

@@ -36,7 +36,7 @@ REMNANTS: list[NoiseModel] = [LowPass(0), LowPass(2), BandPass(1), Autoregressiv
 
 def prediction_of(model: PilotModel, runs: int, terms: tuple[float, ...] = (0.0,)) -> Prediction:
     recording = simulate(replace(NOMINAL, runs=runs), np.random.default_rng(4))
-    return replace(predict(recording, model, RATE), terms=terms)
+    return replace(predict(recording, model, RATE), nuisance_poles=terms)
 
 
 def problem_of(

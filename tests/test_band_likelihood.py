@@ -67,7 +67,7 @@ def recorded(name: str, seed: int = 1, noise: float = 0.0) -> tuple[Scenario, Re
 
 
 def banded(recording: Recording, scenario: Scenario, terms: tuple[float, ...]) -> Prediction:
-    prediction = replace(predict(recording, scenario.model, 50.0), terms=terms)
+    prediction = replace(predict(recording, scenario.model, 50.0), nuisance_poles=terms)
     weighting = weighting_of(recording, scenario.model, prediction.control, prediction.dt)
     assert weighting is not None
     return replace(prediction, weighting=weighting)
@@ -121,7 +121,7 @@ def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> No
     )
     recording = simulate(scenario, np.random.default_rng(3))
     model, truth = scenario.model, scenario.values
-    prediction = replace(predict_circular(recording, model), terms=(0.0,))  # no mean
+    prediction = replace(predict_circular(recording, model), nuisance_poles=(0.0,))  # no mean
     omega = prediction.s.imag
     weighting = weighting_of(recording, model, prediction.control, prediction.dt)
     assert weighting is not None
@@ -342,4 +342,4 @@ def test_unstable_poles_slower_than_the_window_tells_are_integrators(
     omega = np.linspace(0.05, 40.0, 500)
     every = np.ones_like(omega)
     weighting = Weighting(omega, every, every, element_named(element), 0.0, hidden=False)
-    assert weighting.terms(0.02, 4096, 1, (0.0,)).unstable == unstable
+    assert weighting.band_terms(0.02, 4096, 1, (0.0,)).unstable == unstable

@@ -45,7 +45,7 @@ def likelihood_of(
 ) -> Marginal:
     recording = simulate(replace(NOMINAL, runs=runs), np.random.default_rng(1))
     recording = replace(recording, u=recording.u + offset)
-    prediction = replace(predict(recording, MULTI, 50.0), terms=terms)
+    prediction = replace(predict(recording, MULTI, 50.0), nuisance_poles=terms)
     return Marginal(Likelihood(prediction, noise))
 
 

@@ -323,14 +323,14 @@ def test_intervals_of_when_go_to_the_joint_level_of_two_parameters() -> None:
 def test_intervals_hold_changes_elsewhere_that_suit_as_well() -> None:
     recording = simulate(FAST, np.random.default_rng(1))
     found = maximise_likelihood(recording, ADAPTING, np.random.default_rng(101), MLE())
-    narrow = np.stack([found.end.values[0, : found.joint.pilot]] * 2, axis=1)
+    narrow = np.stack([found.end.values[0, : found.joint.pilot_count]] * 2, axis=1)
     wide = over_changes(found, narrow)
     assert np.all(wide[:, 0] <= narrow[:, 0])
     assert np.all(wide[:, 1] >= narrow[:, 1])
     place = ADAPTING.keys.index("rate")
     assert wide[place, 1] > 4.0 * wide[place, 0]  # a step suits as well as a slower change
     constant = maximise_likelihood(recording, SINGLE, np.random.default_rng(101), MLE())
-    own = np.stack([constant.end.values[0, : constant.joint.pilot]] * 2, axis=1)
+    own = np.stack([constant.end.values[0, : constant.joint.pilot_count]] * 2, axis=1)
     np.testing.assert_array_equal(over_changes(constant, own), own)
 
 
@@ -345,5 +345,5 @@ def test_a_search_that_does_not_look_at_other_times_ends_in_a_worse_optimum(
         return maximise_likelihood(recording, ADAPTING, rng, MLE()).criterion
 
     found = criterion()
-    monkeypatch.setattr("pilotid.likelihood.search._elsewhere", lambda optimum: optimum)
+    monkeypatch.setattr("pilotid.likelihood.search._with_change_elsewhere", lambda optimum: optimum)
     assert criterion() > found + 2.0

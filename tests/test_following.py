@@ -10,7 +10,7 @@ from helpers import NOMINAL, fit_of, minima_at, without_remnant
 
 from pilotid.datasets import simulate
 from pilotid.estimate.estimate import Outcome
-from pilotid.likelihood.optimum import Candidates
+from pilotid.likelihood.optimum import PilotCheck
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.prepare import analysis_band
 from pilotid.likelihood.search import maximise_likelihood
@@ -25,9 +25,9 @@ TRUTH = NOMINAL.values
 IDLE = np.concatenate([[1e-3 * TRUTH[0]], TRUTH[1:3], [1e-3 * TRUTH[3]], TRUTH[4:]])
 
 
-def following(known: np.ndarray[tuple[int, ...], np.dtype[np.float64]] | None) -> Candidates:
+def following(known: np.ndarray[tuple[int, ...], np.dtype[np.float64]] | None) -> PilotCheck:
     recording = simulate(NOMINAL, np.random.default_rng(1))
-    return Candidates(predict(recording, NOMINAL.model, 50.0).binned, known)
+    return PilotCheck(predict(recording, NOMINAL.model, 50.0).binned, known)
 
 
 def test_the_lines_alone_tell_the_pilot_where_there_is_no_remnant() -> None:

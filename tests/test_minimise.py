@@ -12,8 +12,8 @@ from helpers import NOMINAL, minima_at
 from scipy.optimize import OptimizeResult, least_squares
 
 from pilotid.datasets import SCENARIOS, simulate
+from pilotid.likelihood.estimates import starts_of
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.output_error import record
 from pilotid.likelihood.prediction import predict
 from pilotid.model.catalogue import MODELS, MULTI
 from pilotid.model.factors import Parameter
@@ -383,6 +383,6 @@ def test_search_screens_the_models_start_among_the_candidates_and_minimises_the_
 
 def test_record_counts_the_starts_that_agree_by_hand() -> None:
     cost = np.array([2.0, 2.0005, 2.1, 5.0])
-    starts = record(minima_at(np.zeros((4, 1)), cost))
+    starts = starts_of(minima_at(np.zeros((4, 1)), cost))
     np.testing.assert_allclose(starts.cost, [1.0, 1.00025, 1.05, 2.5])
     assert starts.agreeing == 2

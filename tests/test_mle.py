@@ -76,7 +76,7 @@ def test_gram_holds_the_inner_products_of_the_rows(
     # What is projected out of the Jacobian as well as of the residual.
     shifted = replace(recording, e=recording.e + offset, u=recording.u + offset)
     joint = Likelihood(predict(shifted, MULTI, 50.0), noise)
-    assert joint.prediction.terms
+    assert joint.prediction.nuisance_poles
     sets = np.array([[*(0.9 * TRUTH), *values], [*(1.1 * TRUTH), *values]])
     gram, rows = joint.gram(sets), joint.rows(sets)
     size = np.sqrt(np.einsum("spp->sp", gram))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pilotid.likelihood.noise import contenders
 from pilotid.likelihood.prepare import FAR, Band, lowpass
+from pilotid.likelihood.remnant_choice import contenders
 from pilotid.likelihood.remnant_models import (
     NOISE_MODELS,
     Autoregressive,

@@ -12,7 +12,7 @@ from helpers import SINGLE_LOOP, Run, strict
 
 from pilotid.datasets import simulate
 from pilotid.estimate.quantities import sampled
-from pilotid.likelihood.output_error import simulated_vaf
+from pilotid.likelihood.estimates import simulated_vaf
 from pilotid.likelihood.remnant_models import Autoregressive, LowPass
 from pilotid.methods.bayes import Bayes, Inference
 from pilotid.model.catalogue import SINGLE

@@ -173,7 +173,7 @@ def test_residual_is_the_last_row_without_whitening() -> None:
 @pytest.mark.parametrize("band", [None, 26.0])
 def test_whitened_rows_are_the_moving_average_of_the_plain_rows(band: float | None) -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
-    prediction = replace(predict(recording, MULTI, band), terms=())
+    prediction = replace(predict(recording, MULTI, band), nuisance_poles=())
     values = apart(NOMINAL.values)
     taps = np.array([1.0, -1.3, 0.5, 0.1])
     plain, filtered = (
@@ -281,7 +281,7 @@ def test_slow_poles_start_near_their_true_state_without_nuisance_terms(
         (noise_free(scenario), 0.005),
         (without_run_in(noise_free(scenario)), 0.025),
     ):
-        prediction = replace(predict(recording, scenario.model, band), terms=())
+        prediction = replace(predict(recording, scenario.model, band), nuisance_poles=())
         residual = prediction.errors(scenario.values)
         assert np.std(residual) < limit * np.std(prediction.control)
 
@@ -290,7 +290,7 @@ def test_slow_poles_start_near_their_true_state_without_nuisance_terms(
 def test_decays_that_are_alike_do_not_hide_one_another(size: float) -> None:
     recording = simulate(SCENARIOS["white-remnant"], np.random.default_rng(1))
     moved = changed_control(recording, size * np.exp(-0.14 * recording.time))
-    prediction = replace(predict(moved, MULTI), terms=(-0.1, -0.12, -0.15, -0.2))
+    prediction = replace(predict(moved, MULTI), nuisance_poles=(-0.1, -0.12, -0.15, -0.2))
     assert bool(prediction.noticeable_terms(NOMINAL.values)) == bool(size)
 
 
@@ -300,7 +300,7 @@ def test_decays_of_a_lag_that_outlasts_the_pre_history_always_stay() -> None:
         prediction = predict(recording, model, 26.0)
         assert 6.0 < prediction.pre_history <= 8.0
         lag = min(model.slowest_lag(model.start), prediction.pre_history)
-        decays = prediction.with_decays(model.start).terms[-2:]
+        decays = prediction.with_decays(model.start).nuisance_poles[-2:]
         assert decays == pytest.approx((-BESIDE / lag, -1.0 / (BESIDE * lag)))
         assert set(prediction.noticeable_terms(model.start)) >= set(decays)
     quick = model.start.copy()

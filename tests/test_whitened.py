@@ -35,7 +35,7 @@ def found() -> Optimum:
 @cache
 def estimate() -> Estimate:
     own = identify(MLE(), recording(), MULTI, np.random.default_rng(2))
-    values = found().end.values[0, : found().joint.pilot]
+    values = found().end.values[0, : found().joint.pilot_count]
     return replace(own, values=values, remnant=found().remnant)
 
 

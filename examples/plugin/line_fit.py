@@ -23,7 +23,7 @@ import numpy as np
 
 from pilotid.estimate.applicability import lines_objection
 from pilotid.estimate.estimate import Estimate, Outcome, failed
-from pilotid.likelihood.output_error import make_estimate
+from pilotid.likelihood.estimates import make_estimate
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import forcing_lines

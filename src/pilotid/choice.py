@@ -24,9 +24,9 @@ from pilotid.checks.checks import motionless
 from pilotid.estimate.applicability import lines_objection, made_for, motionless_input
 from pilotid.estimate.estimate import at_bounds, bounds_reached
 from pilotid.likelihood.constancy import changes, constancy
+from pilotid.likelihood.estimates import simulated_vaf
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum
-from pilotid.likelihood.output_error import simulated_vaf
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.likelihood.settings import LikelihoodSettings
 from pilotid.model.catalogue import MODELS, with_held
@@ -242,21 +242,23 @@ def by_likelihood(
         found = maximise_likelihood(recording, model, fit_rng(seed, model.name), settings)
         settings = replace(settings, noise=found.joint.noise)
         maxima.append(found)
-    terms = tuple(sorted({term for found in maxima for term in found.joint.prediction.terms}))
+    terms = tuple(
+        sorted({term for found in maxima for term in found.joint.prediction.nuisance_poles})
+    )
     scored = min(found.joint.prediction.scored for found in maxima)
-    return [_judged(recording, _with_terms(found, terms), scored, seed) for found in maxima]
+    return [_judged(recording, _with_terms(found, terms), scored) for found in maxima]
 
 
 def _with_terms(found: Optimum, terms: tuple[float, ...]) -> Optimum:
     """The optimum with these nuisance terms."""
     prediction, noise = found.joint.prediction, found.joint.noise
-    if prediction.terms == terms:
+    if prediction.nuisance_poles == terms:
         return found
-    joint = Likelihood(replace(prediction, terms=terms), noise)
-    return replace(found, joint=joint).moved(found.values)
+    joint = Likelihood(replace(prediction, nuisance_poles=terms), noise)
+    return replace(found, joint=joint).restarted_at(found.values)
 
 
-def _judged(recording: Recording, found: Optimum, scored: int, seed: int) -> Candidate:
+def _judged(recording: Recording, found: Optimum, scored: int) -> Candidate:
     """What an optimum says for its model by so many scored samples."""
     values, prediction = found.values, replace(found.joint.prediction, scored=scored)
     joint = Likelihood(prediction, found.joint.noise)
@@ -266,7 +268,7 @@ def _judged(recording: Recording, found: Optimum, scored: int, seed: int) -> Can
     parameters, samples = len(values) + 1, joint.residuals
     log_likelihood = joint.log_likelihood(values)
     penalty = 2.0 * parameters * samples / max(samples - parameters - 1.0, 1.0)
-    test = constancy(found, recording, fit_rng(seed, "constancy"))
+    test = constancy(found, recording)
     bounds = bounds_reached(model, pilot)
     return Candidate(
         model=model.name,
@@ -301,7 +303,7 @@ def _left_out(joint: Likelihood, values: FloatArray, run: int) -> tuple[float, f
     variance /= others.residuals - len(values)
     alone = Likelihood(prediction.of_runs([run]), joint.noise)
     likelihood = alone.log_likelihood(end.values[0], variance)
-    residual = alone.prediction.errors(end.values[0, : joint.pilot])
+    residual = alone.prediction.errors(end.values[0, : joint.pilot_count])
     share = float(np.var(residual)) / float(np.var(alone.prediction.control))
     return likelihood, 100.0 * max(0.0, 1.0 - share)
 
@@ -427,7 +429,7 @@ def choose_model(recordings: Sequence[Sequence[Candidate]]) -> Choice:
 
 
 class _Judged:
-    """Candidates on the recordings of one condition: what each leaves above the best."""
+    """PilotCheck on the recordings of one condition: what each leaves above the best."""
 
     def __init__(self, recordings: Sequence[Sequence[Candidate]]) -> None:
         names = [c.model for c in recordings[0]]

@@ -21,8 +21,8 @@ import numpy as np
 
 from pilotid.estimate.estimate import Estimate, Outcome, failed, outcome_of
 from pilotid.estimate.parts import FrequencyResponse, real_parts
+from pilotid.likelihood.estimates import make_estimate, starts_of
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.output_error import make_estimate, record
 from pilotid.likelihood.prediction import Prediction
 from pilotid.likelihood.remnant_models import Whitener
 from pilotid.model.model import PilotModel
@@ -148,7 +148,7 @@ def second_step(
         estimate,
         intervals=profile_intervals(problem.gram, model, end, variance, len(values)).intervals,
         iterations=found.iterations + end.iterations,
-        starts=record(found),
+        starts=starts_of(found),
         frequency_response=response,
     )
 
@@ -234,7 +234,7 @@ def moved(values: FloatArray, prediction: Prediction, rng: np.random.Generator) 
     model = prediction.model
     for _ in range(ROUNDS):
         taps = whitener(prediction.errors(values), ORDER)
-        prediction = replace(prediction, terms=prediction.noticeable_terms(values, taps))
+        prediction = replace(prediction, nuisance_poles=prediction.noticeable_terms(values, taps))
         errors = Likelihood(prediction, Whitener(taps))
         values = minimise(errors.gram, values[None], model, tolerance=1e-5, iterations=20).values[0]
     # An optimum of both steps may be a local one.

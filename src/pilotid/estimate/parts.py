@@ -96,10 +96,13 @@ class RemnantEstimate:
     def words(self) -> str:
         """It in a few words; the coefficients of a free spectrum say nothing to a reader."""
         words = f"remnant {100.0 * self.power_ratio:.1f} % of the control's power, {self.model}"
+        kind = " at" if "corner" in self.parameters else " low-pass at"
         if "frequency" in self.parameters:
-            words += f" low-pass at {self.parameters['frequency']:.3g} rad/s"
+            words += f"{kind} {self.parameters['frequency']:.3g} rad/s"
         if "damping" in self.parameters:
             words += f", damping {self.parameters['damping']:.2g}"
+        if "corner" in self.parameters:
+            words += f", from {self.parameters['corner']:.2g} rad/s"
         return words
 
     def to_dict(self) -> dict[str, object]:

@@ -1,5 +1,6 @@
 """The prediction engine: recordings filtered and predicted, remnant and pilot estimated together.
 
-Imports models, recordings, estimates, `solve` and `spectral`.  Start at `prediction`;
-`likelihood` is the least-squares problem, which `search` solves.
+Imports models, recordings, checks, estimates, `solve`, `element_fit` and `spectral`.  Read it in
+the order of docs/theory/pipeline.md: `prepare`, `prediction`, `band_likelihood`, `likelihood`,
+`search`.
 """

@@ -72,9 +72,11 @@ class Moments(Problem):
     def __init__(self, found: Optimum, reference: Recording, values: FloatArray) -> None:
         self._prediction = prediction = found.joint.prediction
         self._taps, whitener = found.whitener, Whitener(found.whitener)
-        self._whitened = Likelihood(replace(prediction, terms=()), whitener)
+        self._whitened = Likelihood(replace(prediction, nuisance_poles=()), whitener)
         rate = None if prediction.band.factor == 1 else np.pi / prediction.dt
-        other = replace(predict(reference, prediction.model, rate), terms=prediction.terms)
+        other = replace(
+            predict(reference, prediction.model, rate), nuisance_poles=prediction.nuisance_poles
+        )
         self._instruments = self._weighed(Likelihood(other, whitener).rows(found.pilot[None]))[
             0, :-1
         ]
@@ -91,7 +93,7 @@ class Moments(Problem):
 
     def _weighed(self, rows: FloatArray) -> FloatArray:
         """Rows (sets, n, runs, samples) as numbers whose products are weighted, (sets, n, m)."""
-        return self._prediction.weighed(rows).reshape(*rows.shape[:2], -1)
+        return self._prediction.weighted_rows(rows).reshape(*rows.shape[:2], -1)
 
     @property
     def residuals(self) -> int:

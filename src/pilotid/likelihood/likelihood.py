@@ -25,7 +25,7 @@ from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 class Likelihood(Problem):
     """Prediction errors by pilot and remnant parameters, in this order.
 
-    It is a space, and has Gram matrices, for `pilotid.solve.least_squares.minimise`.
+    It has `Bounds` and is a `Problem`, so that `pilotid.solve.least_squares.minimise` searches it.
 
     Parameters
     ----------
@@ -46,9 +46,9 @@ class Likelihood(Problem):
         adjoint: bool = False,
     ) -> None:
         self.prediction, self.noise, self.adjoint = prediction, noise, adjoint
-        self.band, self.terms = prediction.band, prediction.band_terms
+        self.band, self.band_terms = prediction.band, prediction.band_terms
         self.block = (prediction.binned if adjoint else prediction).block
-        self.pilot = len(prediction.model.parameters)
+        self.pilot_count = len(prediction.model.parameters)
 
     @cached_property
     def lower(self) -> FloatArray:
@@ -73,11 +73,11 @@ class Likelihood(Problem):
     @property
     def residuals(self) -> int:
         """Number of prediction errors, see `Prediction.samples`; in a band that of its bins."""
-        return self.prediction.samples if self.terms is None else self.terms.residuals
+        return self.prediction.samples if self.band_terms is None else self.band_terms.residuals
 
     def whitener(self, values: FloatArray) -> FloatArray:
         """Whitening filter at one parameter set, shape (taps,)."""
-        return np.asarray(self.noise.taps(values[None, self.pilot :], self.band)[0][0])
+        return np.asarray(self.noise.taps(values[None, self.pilot_count :], self.band)[0][0])
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Jacobian of the prediction, and below it the prediction error.
@@ -99,66 +99,70 @@ class Likelihood(Problem):
         found = (self.coarse if self.adjoint else self).squares(values)
         if self.adjoint:
             lasts = np.array([self.last(each) for each in values])
-            if self.terms is not None:
+            if self.band_terms is not None:
                 lasts += self.outside(values)[:, -1]
             found[:, -1] = found[:, :, -1] = lasts
-        return found if self.terms is None else self.terms.closed(found, *self._determined(values))
+        if self.band_terms is None:
+            return found
+        return self.band_terms.add_log_determinant(found, *self._determined(values))
 
     def squares(self, values: FloatArray) -> FloatArray:
         """Inner products of `rows`, in a band weighted and with those outside, of its squares."""
         prediction = self.prediction
-        regressed = self.noise.regressive and prediction.block > 1 and not any(prediction.terms)
-        if self.terms is None:
+        regressed = (
+            self.noise.regressive and prediction.block > 1 and not any(prediction.nuisance_poles)
+        )
+        if self.band_terms is None:
             return super().products(values)
         if regressed and prediction.weights is None:
             rows = self._regressed_in_band(values)
         else:
-            rows = prediction.weighed(self.rows(values))
+            rows = prediction.weighted_rows(self.rows(values))
         flat = rows.reshape(*rows.shape[:2], -1)
         return np.asarray(flat @ flat.transpose(0, 2, 1)) + self.outside(values)
 
     def _regressed_in_band(self, values: FloatArray) -> FloatArray:
-        """Weighted `rows` with an autoregression: the residual's past takes one transform."""
-        prediction, terms = self.prediction, self.terms
+        """Weighted `rows` with an autoregression: all lags of the residual are of one transform."""
+        prediction, terms = self.prediction, self.band_terms
         assert terms is not None
-        coefficients = values[:, self.pilot :]
-        spectra = prediction.row_spectra(values[:, : self.pilot])
+        coefficients = values[:, self.pilot_count :]
+        spectra = prediction.row_spectra(values[:, : self.pilot_count])
         signal = prediction.samples_before(spectra[:, -1], coefficients.shape[1])
         lags = np.moveaxis(terms.lagged(signal, coefficients.shape[1]), 0, 1)
         taps, _ = self.noise.taps(coefficients, self.band)
         pilot = spectra[:, :-1] * prediction.filter_response(taps)[:, None, None]
         rows = np.empty((len(values), values.shape[1] + 1, *lags.shape[2:]))
-        rows[:, : self.pilot] = terms.weighted(prediction.samples_of(pilot))
-        np.negative(lags[:, 1:], out=rows[:, self.pilot : -1])
+        rows[:, : self.pilot_count] = terms.weighted(prediction.samples_of(pilot))
+        np.negative(lags[:, 1:], out=rows[:, self.pilot_count : -1])
         flat = lags.reshape(*lags.shape[:2], -1)
         rows[:, -1] = (taps[:, None] @ flat).reshape(rows[:, -1].shape)
         return np.asarray(rows)
 
     def outside(self, values: FloatArray) -> FloatArray:
-        """Inner products of what the whitening filter and its slopes make of what does not count.
+        """What bins that do not count add to the Gram matrix, with a small weight.
 
         The shape is (sets, parameters + 1, parameters + 1), as that of `products`.
         """
-        assert self.terms is not None
-        taps, slopes = self.noise.taps(values[:, self.pilot :], self.band)
+        assert self.band_terms is not None
+        taps, slopes = self.noise.taps(values[:, self.pilot_count :], self.band)
         rows = np.concatenate([-slopes, taps[:, None]], axis=1)
         count = rows.shape[-1]
         found = np.zeros((len(values), values.shape[1] + 1, values.shape[1] + 1))
-        found[:, self.pilot :, self.pilot :] = (
-            rows @ self.terms.outside[:count, :count] @ rows.transpose(0, 2, 1)
+        found[:, self.pilot_count :, self.pilot_count :] = (
+            rows @ self.band_terms.outside[:count, :count] @ rows.transpose(0, 2, 1)
         )
         return found
 
     def _determined(self, values: FloatArray) -> tuple[ComplexArray, FloatArray, FloatArray]:
         """What `BandTerms.log_determinant` needs of parameter sets."""
-        loop = self.prediction.loop.row_spectra(values[:, : self.pilot])[:, :, 0]
-        return loop, *self.noise.taps(values[:, self.pilot :], self.band)
+        loop = self.prediction.loop.row_spectra(values[:, : self.pilot_count])[:, :, 0]
+        return loop, *self.noise.taps(values[:, self.pilot_count :], self.band)
 
     def log_determinant(self, values: FloatArray) -> float:
         """What the likelihood of the band has beside squares, at one set, (parameters,)."""
-        if self.terms is None:
+        if self.band_terms is None:
             return 0.0
-        return float(self.terms.log_determinant(*self._determined(values[None]))[0][0])
+        return float(self.band_terms.log_determinant(*self._determined(values[None]))[0][0])
 
     def log_likelihood(self, values: FloatArray, variance: float | None = None) -> float:
         """Log-likelihood at one parameter set, shape (parameters,).
@@ -179,8 +183,10 @@ class Likelihood(Problem):
         In a band the Jacobian by the pilot is filtered by the weights, and the errors are not.
         """
         rows = self.rows(values[None])[0]
-        if self.terms is not None:
-            rows = np.concatenate([self.terms.filtered(rows[: self.pilot]), rows[self.pilot :]])
+        if self.band_terms is not None:
+            rows = np.concatenate(
+                [self.band_terms.filtered(rows[: self.pilot_count]), rows[self.pilot_count :]]
+            )
         return np.asarray(rows)
 
     def scaling(self, values: FloatArray) -> float:
@@ -190,15 +196,15 @@ class Likelihood(Problem):
     def _spectra(self, values: FloatArray) -> ComplexArray:
         """The transforms of `rows` before nuisance terms are projected out."""
         prediction = self.prediction
-        pilot, remnant = values[:, : self.pilot], values[:, self.pilot :]
+        pilot, remnant = values[:, : self.pilot_count], values[:, self.pilot_count :]
         taps, slopes = self.noise.taps(remnant, self.band)
         spectra = prediction.row_spectra(pilot, between=slopes.shape[1])
         if taps.shape[-1] == 1:
             return spectra
         residual = spectra[:, -1:]
         filters = prediction.filter_response(np.concatenate([slopes, taps[:, None]], axis=1))
-        np.multiply(filters[:, :-1, None], -residual, out=spectra[:, self.pilot : -1])
-        spectra[:, : self.pilot] *= filters[:, -1:, None]
+        np.multiply(filters[:, :-1, None], -residual, out=spectra[:, self.pilot_count : -1])
+        spectra[:, : self.pilot_count] *= filters[:, -1:, None]
         residual *= filters[:, -1:, None]
         return spectra
 
@@ -218,8 +224,8 @@ class Likelihood(Problem):
         prediction, length = self.prediction, self.prediction.length
         spectra = self._spectra(values[None])[0]
         errors = plain = prediction.without_nuisance(prediction.samples_of(spectra[-1]))
-        if self.terms is not None:
-            errors = prediction.without_nuisance(self.terms.filtered(errors))
+        if self.band_terms is not None:
+            errors = prediction.without_nuisance(self.band_terms.filtered(errors))
         padded = np.zeros((prediction.runs, length))
         padded[:, prediction.first : prediction.first + prediction.scored] = errors
         # Bins stand for two, but for the first and the one at half the sampling rate.

@@ -32,7 +32,7 @@ from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 
-class Candidates:
+class PilotCheck:
     """Which parameters can be those of a pilot: the recorded loop was stable.
 
     A model that predicts the control as the inverse of the controlled element does has a high
@@ -112,7 +112,7 @@ class Optimum:
     end: Minima
     starts: Starts = ONE_START
     iterations: int = 0
-    check: Candidates | None = None
+    check: PilotCheck | None = None
     lines_pilot: FloatArray | None = None
     competing: Sequence[FloatArray] = ()
 
@@ -124,7 +124,7 @@ class Optimum:
     @property
     def pilot(self) -> FloatArray:
         """The pilot's parameters, shape (parameters,)."""
-        return self.values[: self.joint.pilot]
+        return self.values[: self.joint.pilot_count]
 
     @cached_property
     def whitener(self) -> FloatArray:
@@ -137,10 +137,10 @@ class Optimum:
         joint = self.joint
         power = float(self.end.cost[0]) / joint.residuals
         penalty = BAND_PASS_PENALTY if isinstance(joint.noise, BandPass) else 0.0
-        return criterion(joint.noise, power, joint.residuals, joint.pilot) + penalty
+        return criterion(joint.noise, power, joint.residuals, joint.pilot_count) + penalty
 
     @property
-    def short(self) -> float:
+    def remaining_decrease(self) -> float:
         """Possible further decrease of the criterion of a fit that is only compared."""
         return 10.0 * COMPARED_TOLERANCE * self.joint.residuals
 
@@ -150,7 +150,7 @@ class Optimum:
 
     @property
     def is_pilot(self) -> bool:
-        """Whether it can be a pilot, see `Candidates`."""
+        """Whether it can be a pilot, see `PilotCheck`."""
         return self.check is None or bool(self.check(self.pilot[None])[0])
 
     @property
@@ -180,7 +180,7 @@ class Optimum:
         if self.joint.prediction.model.changes:
             return 1.0
         length = max(1, round(ESTIMATE.segment / self.joint.prediction.dt))
-        statistic, freedom = score_dispersion(self.tested_rows, self.joint.pilot, length)
+        statistic, freedom = score_dispersion(self.tested_rows, self.joint.pilot_count, length)
         certain = freedom > 0 and statistic > chi_squared_limit(freedom, ESTIMATE.dispersed)
         return statistic / freedom if certain else 1.0
 
@@ -197,22 +197,24 @@ class Optimum:
         joint, prediction = self.joint, self.joint.prediction
         weighting, terms = prediction.weighting, prediction.band_terms
         if weighting is None or terms is None or weighting.unknown == 0.0:
-            return np.ones(joint.pilot)
+            return np.ones(joint.pilot_count)
         loop = prediction.loop.row_spectra(self.pilot[None])[:, :, 0]
         change = np.zeros(len(joint.lower))
-        change[: joint.pilot] = terms.by_gain(loop)[0] * float(self.end.cost[0]) / joint.residuals
+        change[: joint.pilot_count] = (
+            terms.by_gain(loop)[0] * float(self.end.cost[0]) / joint.residuals
+        )
         inverse = covariance_of(self.end.gram[0, :-1, :-1], 1.0)
         if inverse is None:
-            return np.ones(joint.pilot)
-        moved = weighting.unknown * (inverse @ change)[: joint.pilot]
-        variances = self.variance * np.diag(inverse)[: joint.pilot]
+            return np.ones(joint.pilot_count)
+        moved = weighting.unknown * (inverse @ change)[: joint.pilot_count]
+        variances = self.variance * np.diag(inverse)[: joint.pilot_count]
         return np.asarray(1.0 + moved**2 / variances)
 
     @property
     def covariance(self) -> FloatArray | None:
         """Covariance of the pilot's parameters, None if it is singular."""
         information = self.end.gram[0, :-1, :-1]
-        variance, pilot = self.variance * self.variance_factor, slice(self.joint.pilot)
+        variance, pilot = self.variance * self.variance_factor, slice(self.joint.pilot_count)
         found = covariance_of(information, variance)
         if found is None:
             # A remnant without a shape (next to none, or white) leaves its own parameters
@@ -230,7 +232,7 @@ class Optimum:
         density = innovation * band.dt / np.pi / np.abs(response) ** 2
         control = float(np.mean(np.var(joint.prediction.control, axis=1)))
         power = float(np.mean(density) * np.pi / band.dt) / control
-        shape = dict(zip(joint.noise.keys, self.values[joint.pilot :].tolist(), strict=True))
+        shape = dict(zip(joint.noise.keys, self.values[joint.pilot_count :].tolist(), strict=True))
         return RemnantEstimate(joint.noise.name, shape, power, band.omega, density)
 
     def band_of(self, recording: Recording) -> AnalysedBand:
@@ -250,28 +252,28 @@ class Optimum:
         )
 
     @cached_property
-    def search(self) -> Likelihood:
+    def search_problem(self) -> Likelihood:
         """The same problem for searches from here, see `Prediction.is_large`."""
         prediction = self.joint.prediction
         return Likelihood(prediction, self.joint.noise, adjoint=prediction.is_large)
 
     def refined(self, tolerance: float = REPORTED_TOLERANCE) -> Optimum:
-        """The same to another tolerance, or to that of what is compared as in `descended`."""
+        """The same to another tolerance, or to that of what is compared as in `descend`."""
         joint, start = self.joint, self.end.only([0])
         if tolerance < COMPARED_TOLERANCE and joint.adjoint:
             joint = Likelihood(joint.prediction, joint.noise)
-            end = descended(joint, start.values, tolerance)
+            end = descend(joint, start.values, tolerance)
         else:
-            end = descended(joint, start, tolerance)
+            end = descend(joint, start, tolerance)
         return replace(self, joint=joint, end=end, iterations=self.iterations + end.iterations)
 
-    def moved(self, start: FloatArray) -> Optimum:
+    def restarted_at(self, start: FloatArray) -> Optimum:
         """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
-        end = descended(self.joint, start[None])
+        end = descend(self.joint, start[None])
         return replace(self, end=end, iterations=self.iterations + end.iterations)
 
 
-def descended(
+def descend(
     joint: Likelihood, starts: FloatArray | Minima, tolerance: float = REPORTED_TOLERANCE
 ) -> Minima:
     """The best optimum that starts lead to, as in `minimise`, to a tolerance.

@@ -1,7 +1,7 @@
-"""Prediction of the control by a pilot model, with its exact Jacobian.
+"""Prediction of the control by a pilot model, with its Jacobian.
 
 The prediction is u_hat = F^-1 [ sum over channels of H_c(jw; theta) F(input_c) ]:
-delays are exact and Jacobians follow from the factors' log-derivatives.  Residual
+delays are exact, and Jacobians follow from the factors' log-derivatives.  Residual
 and Jacobian can be filtered by a whitening filter on the way.  What a recording may not
 tell (an offset of the control, the state in which slow fixed poles started) is a linear
 nuisance term, which is projected out of both.
@@ -150,7 +150,7 @@ def fine_input(
 
 #: Largest width of a bin of the binned spectra [rad/s]: a delay of 1 s turns by 20 deg over it.
 MAX_BINNED_WIDTH = 0.35
-#: What a unit of the element's output is in each input of a channel.
+#: Effect of x on each input of a channel: e = ft - x, x, ft.
 CLOSED = {"e": -1.0, "x": 1.0, "ft": 0.0}
 BESIDE = 1.05  # ratio of the time constants of decays about one: it, and its slope
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
@@ -176,7 +176,7 @@ class Prediction:
         Length of the transform.
     first, scored
         Index of the first scored sample, and number of scored samples.
-    terms
+    nuisance_poles
         Poles of the nuisance terms e^{pole t} [rad/s]: 0 for an offset, and the model's
         fixed poles for their free decay.
     fine
@@ -197,7 +197,7 @@ class Prediction:
     length: int
     first: int
     scored: int
-    terms: tuple[float, ...]
+    nuisance_poles: tuple[float, ...]
     fine: tuple[FineInput | None, ...]
     weighting: Weighting | None
     weights: FloatArray | None = None
@@ -253,23 +253,25 @@ class Prediction:
         if not lag:
             return self
         middle = min(lag, self.pre_history)
-        return replace(self, terms=(*self.terms, -BESIDE / middle, -1.0 / (BESIDE * middle)))
+        return replace(
+            self, nuisance_poles=(*self.nuisance_poles, -BESIDE / middle, -1.0 / (BESIDE * middle))
+        )
 
     @property
     def samples(self) -> int:
         """Scored samples of all runs, less the nuisance terms fitted to each run."""
-        return self.counted or self.runs * (self.scored - len(self.terms))
+        return self.counted or self.runs * (self.scored - len(self.nuisance_poles))
 
     @cached_property
     def band_terms(self) -> BandTerms | None:
         """What the likelihood of the band has beside squares; None for direct prediction errors."""
         if self.weighting is None:
             return None
-        return self.weighting.terms(self.dt, self.scored, self.runs, self.terms)
+        return self.weighting.band_terms(self.dt, self.scored, self.runs, self.nuisance_poles)
 
     @cached_property
     def loop(self) -> Prediction:
-        """The control predicted from itself through the controlled element: what is left is 1 + L.
+        """A prediction whose residual is 1 + L(jw), so that its rows are the slopes of the loop.
 
         It is that in the groups of bins of `band_terms` that count, of one run.
         """
@@ -284,7 +286,13 @@ class Prediction:
         )
         one = np.ones((1, omega.size), dtype=complex)
         return replace(
-            self, s=s, spectra=spectra, control_spectrum=one, terms=(), weighting=None, weights=None
+            self,
+            s=s,
+            spectra=spectra,
+            control_spectrum=one,
+            nuisance_poles=(),
+            weighting=None,
+            weights=None,
         )
 
     @property
@@ -360,8 +368,8 @@ class Prediction:
         they are noticeable.
         """
         prediction = self.with_decays(values)
-        slow = prediction.terms[len(self.terms) :]
-        poles, every = prediction.terms, prediction.nuisance_terms
+        slow = prediction.nuisance_poles[len(self.nuisance_poles) :]
+        poles, every = prediction.nuisance_poles, prediction.nuisance_terms
         residual = self.residual(values, taps)
         limit = chi_squared_limit(prediction.runs, ESTIMATE.seldom)
         kept = list(range(len(poles)))
@@ -439,7 +447,7 @@ class Prediction:
         )
         return control, inputs
 
-    def weighed(self, rows: FloatArray) -> FloatArray:
+    def weighted_rows(self, rows: FloatArray) -> FloatArray:
         """Rows of samples as real numbers whose products are those of the likelihood."""
         terms = self.band_terms
         return rows if terms is None or self.weights is not None else terms.weighted(rows)
@@ -462,6 +470,9 @@ class Prediction:
     @cached_property
     def binned(self) -> Prediction:
         """The prediction at few frequencies, without the mean and what the window makes of it.
+
+        A group of bins becomes a factor of its summed cross-spectra, of as many rows as there are
+        signals: sums of squares over the group are kept, responses are those at its middle.
 
         One whose inputs vary in time has no such form, and stays as it is.
         """
@@ -492,7 +503,7 @@ class Prediction:
             s=1j * middle,
             spectra=tuple(spectra[:-1]),
             control_spectrum=spectra[-1],
-            terms=(),
+            nuisance_poles=(),
             weights=weights,
             counted=self.runs * scored if terms is None else terms.residuals,
         )._with(weights > 0.0)
@@ -545,7 +556,7 @@ class Prediction:
         Exponentials are eigenfunctions of filters: whitening only scales them, so that
         the space to project out is the same for every whitening filter.
         """
-        return np.exp(np.outer(np.arange(self.scored) * self.dt, self.terms))
+        return np.exp(np.outer(np.arange(self.scored) * self.dt, self.nuisance_poles))
 
     @cached_property
     def nuisance_basis(self) -> FloatArray:
@@ -554,7 +565,7 @@ class Prediction:
 
     def without_nuisance(self, rows: FloatArray) -> FloatArray:
         """Rows (..., scored) less their projection on the nuisance terms."""
-        if not self.terms:
+        if not self.nuisance_poles:
             return rows
         flat = rows.reshape(-1, rows.shape[-1])  # one product, not one for each parameter
         along = (flat @ self.nuisance_basis) @ self.nuisance_basis.T
@@ -617,7 +628,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         length=length,
         first=extension + prepared.first,
         scored=prepared.scored,
-        terms=(0.0, *model.fixed_poles),
+        nuisance_poles=(0.0, *model.fixed_poles),
         fine=fine,
         weighting=None,
     )

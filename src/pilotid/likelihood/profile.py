@@ -55,7 +55,7 @@ def profile_likelihood(found: Optimum) -> tuple[Optimum, Profile | None]:
     for _ in range(3):
         if profile is None or profile.better is None:
             break
-        moved = found.moved(profile.better)
+        moved = found.restarted_at(profile.better)
         if found.is_pilot and not moved.is_pilot:
             break
         found = moved
@@ -98,17 +98,17 @@ def profile_about(found: Optimum) -> Profile | None:
     joint, end = found.joint, found.end
     if covariance_of(end.gram[0, :-1, :-1], found.variance) is None:
         return None
-    remnant = found.values[joint.pilot :]
+    remnant = found.values[joint.pilot_count :]
     others = [off_bounds(found)]
     if len(found.competing):
         starts = np.array([np.concatenate([pilot, remnant]) for pilot in found.competing])
         others.insert(0, _ends(found, starts, joint))
     return profile_intervals(
-        found.search.gram,
+        found.search_problem.gram,
         joint,
         end,
         found.variance,
-        joint.pilot,
+        joint.pilot_count,
         estimated=found.freedom,
         widened=deviances(found) / CHI_SQUARED_95,
         others=np.concatenate(others),
@@ -131,7 +131,7 @@ def off_bounds(found: Optimum) -> FloatArray:
     bases = [optimum.copy()]
     if found.lines_pilot is not None:
         # What the lines show rests on no model of the remnant.
-        bases.append(np.concatenate([found.lines_pilot[0], optimum[joint.pilot :]]))
+        bases.append(np.concatenate([found.lines_pilot[0], optimum[joint.pilot_count :]]))
     bases[0][at_bound] = middle[at_bound]
     points = []
     for k in at_bound.tolist():
@@ -143,7 +143,7 @@ def off_bounds(found: Optimum) -> FloatArray:
 
 
 def _ends(found: Optimum, starts: FloatArray, space: Bounds) -> FloatArray:
-    return minimise(found.search.gram, starts, space, tolerance=1e-5, iterations=20).values
+    return minimise(found.search_problem.gram, starts, space, tolerance=1e-5, iterations=20).values
 
 
 def deviances(found: Optimum) -> FloatArray:
@@ -153,7 +153,7 @@ def deviances(found: Optimum) -> FloatArray:
     exceeds the truth by more than a single parameter's share: intervals of both are the shadows of
     their joint region, that of two degrees of freedom.
     """
-    sought = np.full(found.joint.pilot, CHI_SQUARED_95)
+    sought = np.full(found.joint.pilot_count, CHI_SQUARED_95)
     sought[list(found.joint.prediction.model.change)] = CHI_SQUARED_95_OF_TWO
     return np.asarray(found.variance_factor * found.element_factor * sought)
 
@@ -193,9 +193,11 @@ def over_systems(found: Optimum, intervals: FloatArray) -> FloatArray:
             point[list(model.delays)] += 2.0 * (start[d] / start[f] - damping / frequency)
             held = Box.holding(Box.holding(joint, f, frequency), d, damping)
             point = np.clip(point, held.lower, held.upper)
-            end = minimise(found.search.gram, point[None], held, tolerance=1e-3, iterations=20)
-            suits = np.full(joint.pilot, end.cost[0] < limit)
-            intervals = _holding(intervals, end.values[0, : joint.pilot], suits)
+            end = minimise(
+                found.search_problem.gram, point[None], held, tolerance=1e-3, iterations=20
+            )
+            suits = np.full(joint.pilot_count, end.cost[0] < limit)
+            intervals = _holding(intervals, end.values[0, : joint.pilot_count], suits)
     return intervals
 
 
@@ -209,7 +211,7 @@ def over_changes(found: Optimum, intervals: FloatArray) -> FloatArray:
     intervals
         Those of the profile about it.
     """
-    joint, optimum, pilot = found.joint, found.values, found.joint.pilot
+    joint, optimum, pilot = found.joint, found.values, found.joint.pilot_count
     if not joint.prediction.model.changes:
         return intervals
     target = float(found.end.cost[0]) * np.exp(deviances(found) / found.freedom)

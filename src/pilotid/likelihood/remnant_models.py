@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pilotid.estimate.parts import RemnantEstimate
 from pilotid.likelihood.prepare import FAR, REACH, Band, prediction_error_filters
 from pilotid.support.types import BoolArray, FloatArray
 
@@ -393,3 +394,21 @@ def neighbours(model: NoiseModel) -> list[NoiseModel]:
     place = NOISE_MODELS.index(model)
     beside = [NOISE_MODELS[place - 1], *NOISE_MODELS[place + 1 : place + 2]]
     return [other for other in beside if other.regressive]
+
+
+def filter_of(remnant: RemnantEstimate, dt: float) -> tuple[Band, FloatArray, float]:
+    """The band that a remnant is known in, its whitening filter, and the variance of the errors.
+
+    Parameters
+    ----------
+    remnant
+        What an estimate says of the remnant.
+    dt
+        Sampling interval of the recording [s].
+    """
+    band = Band(dt, max(1, round(float(Band(dt, 1).omega[-1] / remnant.omega[-1]))))
+    density = np.interp(band.omega, remnant.omega, remnant.density)
+    taps = prediction_error_filters((density @ band.cosines)[None])[0]
+    # Of a filter without zeros outside the unit circle the mean of log |.|^2 is 0 (Kolmogorov).
+    variance = math.exp(float(np.mean(np.log(density)))) * math.pi / band.dt
+    return band, taps, variance

@@ -10,10 +10,10 @@ import numpy as np
 from pandas import DataFrame
 
 from pilotid.estimate.estimate import Estimate
-from pilotid.likelihood.output_error import simulated_vaf
+from pilotid.likelihood.estimates import simulated_vaf
 from pilotid.likelihood.prediction import Prediction, predict
-from pilotid.likelihood.prepare import Band, analysis_band, prediction_error_filters, prepare
-from pilotid.likelihood.remnant_models import best_noise_model
+from pilotid.likelihood.prepare import analysis_band, prepare
+from pilotid.likelihood.remnant_models import best_noise_model, filter_of
 from pilotid.recording.recording import Recording
 from pilotid.support.types import FloatArray, InputError
 
@@ -95,7 +95,7 @@ def _known_remnant(
     model, values, remnant = estimate.model, estimate.values, estimate.remnant
 
     def prepared(of: Recording, rate: float | None) -> Prediction:
-        return replace(predict(of, model, rate), terms=(0.0,))
+        return replace(predict(of, model, rate), nuisance_poles=(0.0,))
 
     if fitted_to is not None:
         band = analysis_band(fitted_to.dt, BAND)
@@ -105,13 +105,8 @@ def _known_remnant(
         return _Predicted(prepared(recording, BAND), BAND, taps, variance)
     if remnant is None:
         return None
-    factor = max(1, round(Band(recording.dt, 1).omega[-1] / remnant.omega[-1]))
-    band = Band(recording.dt, factor)
-    density = np.interp(band.omega, remnant.omega, remnant.density)
-    taps = prediction_error_filters((density @ band.cosines)[None])[0]
-    # Of a filter without zeros outside the unit circle the mean of log |.|^2 is 0 (Kolmogorov).
-    variance = math.exp(float(np.mean(np.log(density)))) * math.pi / band.dt
-    rate = None if factor == 1 else math.pi / band.dt
+    band, taps, variance = filter_of(remnant, recording.dt)
+    rate = None if band.factor == 1 else math.pi / band.dt
     return _Predicted(prepared(recording, rate), rate, taps, variance)
 
 

@@ -41,8 +41,8 @@ class LikelihoodSettings(StartSettings):
     band
         Analysis band [rad/s]; None uses the full sampling rate.
     wide
-        Wider bands, of which the first takes its place that is not informative near its edge;
-        empty for none.  They widen the default band alone: one that is asked for stays.
+        Wider bands to try, in order, while there is too much information near the edge of the one
+        before; empty for none.  They widen the default band alone: one that is asked for stays.
     rounds
         How often the remnant's model is chosen anew at most.
     noise

@@ -272,7 +272,7 @@ class PilotModel:
     def changes(self) -> bool:
         """Whether a parameter varies in time; such a model has no frequency response.
 
-        `pilotid.model.model` has the constant pilots that it is at any one time.
+        `constant` is the pilot that it is at any one time.
         """
         return any(c.changing is not None for c in self.channels)
 
@@ -424,7 +424,7 @@ class PilotModel:
         """Indices of middle and rate of the change; empty for a constant pilot."""
         return self._indices((TIME, RATE)) if self.changes else ()
 
-    def elsewhere(self, values: FloatArray) -> list[FloatArray]:
+    def changes_elsewhere(self, values: FloatArray) -> list[FloatArray]:
         """Parameters with the change at other times nearby, as a step; none of a constant pilot.
 
         How well a step at some time suits depends on what the input happened to do then, so that

@@ -240,7 +240,9 @@ class Marginal:
                 taps, sums = self._taps(values), self.sums_of_squares(values)
             deviance = freedom * np.log(sums) + further
             if terms is not None:
-                loop = self.joint.prediction.loop.residual_spectra(values[:, : self.joint.pilot])
+                loop = self.joint.prediction.loop.residual_spectra(
+                    values[:, : self.joint.pilot_count]
+                )
                 deviance += 2.0 * (terms.of_loop(loop[:, 0]) + terms.of_whitener(taps))
             return np.asarray(-0.5 / self.widened * deviance)
 
@@ -255,12 +257,12 @@ class Marginal:
         taps, prediction = self._taps(values), self.joint.prediction
         sums = np.empty(len(values))
         for block in _blocks(len(values)):
-            spectra = prediction.residual_spectra(values[block, : self.joint.pilot])
+            spectra = prediction.residual_spectra(values[block, : self.joint.pilot_count])
             if taps.shape[1] > 1:
                 spectra *= prediction.filter_response(taps[block])[:, None, :]
             errors = prediction.without_nuisance(prediction.samples_of(spectra))
             if self._terms is not None:
-                errors = prediction.weighed(errors)
+                errors = prediction.weighted_rows(errors)
             errors = errors.reshape(len(errors), -1)
             sums[block] = np.vecdot(errors, errors)
         if self._terms is not None:
@@ -270,7 +272,7 @@ class Marginal:
 
     def _taps(self, values: FloatArray) -> FloatArray:
         """Whitening filters of sets of pilot and remnant parameters."""
-        return self.joint.noise.filters(values[:, self.joint.pilot :], self.joint.band)
+        return self.joint.noise.filters(values[:, self.joint.pilot_count :], self.joint.band)
 
     def lagged_products(self, values: FloatArray) -> FloatArray:
         """Inner products of the residual with itself at all pairs of lags 0 to the order.
@@ -305,13 +307,13 @@ class Marginal:
         them at other lags is then small beside the residual, whatever the offset was.
         """
         prediction, order = self.joint.prediction, len(self.joint.noise.keys)
-        spectra = prediction.residual_spectra(values[:, : self.joint.pilot])
+        spectra = prediction.residual_spectra(values[:, : self.joint.pilot_count])
         signal = prediction.samples_before(spectra, order)
-        if not prediction.terms:
+        if not prediction.nuisance_poles:
             return signal
         amplitudes = signal[..., order:] @ np.linalg.pinv(prediction.nuisance_terms).T
         time = np.arange(-order, prediction.scored) * prediction.dt
-        return np.asarray(signal - amplitudes @ np.exp(np.outer(prediction.terms, time)))
+        return np.asarray(signal - amplitudes @ np.exp(np.outer(prediction.nuisance_poles, time)))
 
     def _regressed(self, products: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Whitening filters that suit best, and log-determinants of what was integrated out."""
@@ -385,7 +387,7 @@ class Posterior:
             values = self.values(points)
         inside = np.all((values > self._lower) & (values < self._upper), axis=1)
         joint = self.likelihood.joint
-        pilots = values[:, : joint.pilot]
+        pilots = values[:, : joint.pilot_count]
         inside &= np.all(joint.prediction.model.ordered(pilots) == pilots, axis=1)
         result = np.full(len(points), -np.inf)
         if inside.any():

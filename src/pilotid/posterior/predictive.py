@@ -64,7 +64,7 @@ def predictive_band(draws: Draws, likelihood: Marginal, rng: np.random.Generator
     from scipy.signal import lfilter
 
     joint = likelihood.joint
-    prediction, pilot = joint.prediction, joint.pilot
+    prediction, pilot = joint.prediction, joint.pilot_count
     values = draws.thinned(SIMULATED)
     if likelihood.integrated:
         shapes = likelihood.coefficients(values)

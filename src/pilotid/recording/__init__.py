@@ -1,5 +1,5 @@
 """Recordings: the one data object, and the files it is read from and written to.
 
-Imports `support` alone.  Start at `recording`, then `files`: each format's reader makes `arrays`,
-of which every recording is assembled.
+Imports `support` alone.  Start at `recording`, then `files`: `table` and `arrays` read formats into
+a `Content`, `roles` finds the signals in it, `files` makes the recording.
 """

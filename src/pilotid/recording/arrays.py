@@ -109,8 +109,8 @@ def read_arrays(path: Path, source: str, part: str) -> Content:
         return np.atleast_1d(value if value.dtype.kind == "f" else value.astype(np.float64))
 
     views = {root: {**families, **_inside(families, root)} for root in roots}
-    families, views = (views[part], {}) if part else (families, views)
-    return Content(families, views, notes, numbers, source, "variable", advice=advice)
+    whole, parts = (views[part], {}) if part else (families, views)
+    return Content(whole, parts, notes, numbers, source, "variable", advice=advice)
 
 
 def _inside(families: Families, root: str) -> Families:

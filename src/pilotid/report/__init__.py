@@ -1,5 +1,4 @@
-"""The report of a study, from its store alone.
+"""Pages and terminal output: of a fit, a check, a posterior, a design, a study, the paper.
 
-Imports `study` for the numbers and `show` for their form.  Start at `page`; an experiment is a
-chapter in `chapters`.
+Imports what it shows, and `plots`.  Start at `page`; each page has a module here and a template.
 """

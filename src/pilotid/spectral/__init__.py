@@ -1,4 +1,4 @@
-"""Forcing lines, the pilot fitted to them, and regression on lagged signals.
+"""Responses at the forcing lines, the pilot fitted to them, and regression on lagged signals.
 
-Imports pilots, recordings, estimates, `solve` and `element`.  Start at `coefficients`.
+Imports models, recordings, checks, estimates, `solve` and `element_fit`.  Start at `coefficients`.
 """

@@ -88,7 +88,7 @@ class ElementLimits(NamedTuple):
 
 
 class EstimateLimits(NamedTuple):
-    """What speaks against an estimate, see `warnings`, `specification` and `residual_tests`."""
+    """What speaks against an estimate, see `pilotid.likelihood.diagnostics`."""
 
     #: How seldom chance may speak against a fit, by each test of prediction errors: once in
     #: 14,000 recordings.

@@ -14,7 +14,7 @@ from operator import attrgetter
 import numpy as np
 
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.optimum import Candidates, Optimum, descended
+from pilotid.likelihood.optimum import Optimum, PilotCheck, descend
 from pilotid.likelihood.prediction import Prediction
 from pilotid.likelihood.prepare import Band
 from pilotid.likelihood.remnant_models import (
@@ -76,39 +76,41 @@ class RemnantChoice:
         prediction: Prediction,
         pilot: FloatArray,
         noise: NoiseModel | None,
-        check: Candidates | None = None,
+        check: PilotCheck | None = None,
     ) -> None:
         self.prediction, self.noise, self.check = prediction, noise, check
         self.pilot = self._first = pilot
         self.iterations = 0
         self._fits: dict[NoiseModel, tuple[Optimum, float]] = {}
 
-    def look(self) -> Optimum:
+    def quick_fit(self) -> Optimum:
         """A first look: the model that suits what the pilot leaves, roughly fitted."""
-        return self._moved(self._best_of(None, 1e-3))
+        return self._adopt(self._best_of(None, 1e-3))
 
-    def best(self, rounds: int) -> Optimum:
+    def full_fit(self, rounds: int) -> Optimum:
         """The best of all, as exactly as is needed to compare them.
 
         Its model is chosen anew as the pilot moves, in as many rounds at most.
         """
         compared = COMPARED_TOLERANCE
-        found = self._moved(self._best_of(None, compared))
+        found = self._adopt(self._best_of(None, compared))
         for _ in range(0 if self.noise else rounds - 1):
-            before, found = found, self._moved(self._best_of(None, compared))
+            before, found = found, self._adopt(self._best_of(None, compared))
             if found.joint.noise == before.joint.noise:
                 break
         # Of many long autoregressions the first that suits depends on where the search came from.
         while others := [] if self.noise else neighbours(found.joint.noise):
             better = self._best_of(others, compared)
-            if abs(better.criterion - found.criterion + 0.1) < found.short:
-                found, better = (self._to(fit, REPORTED_TOLERANCE) for fit in (found, better))
+            if abs(better.criterion - found.criterion + 0.1) < found.remaining_decrease:
+                found, better = (
+                    self._refined_to(fit, REPORTED_TOLERANCE) for fit in (found, better)
+                )
             if not better.criterion < found.criterion - 0.1:
                 break
-            found = self._moved(better)
+            found = self._adopt(better)
         return replace(found, iterations=self.iterations)
 
-    def _moved(self, fit: Optimum) -> Optimum:
+    def _adopt(self, fit: Optimum) -> Optimum:
         self.pilot = fit.pilot
         return fit
 
@@ -121,27 +123,27 @@ class RemnantChoice:
         every = contenders(*suited) if models is None else guesses(*suited, models)
         fits = [self._fitted(guess, tolerance) for guess in every]
         best = min(fits, key=_criterion)
-        near = [fit for fit in fits if not fit.criterion > best.criterion + best.short]
+        near = [fit for fit in fits if not fit.criterion > best.criterion + best.remaining_decrease]
         if tolerance > COMPARED_TOLERANCE or len(near) == 1:
             return best
-        return min((self._to(fit, REPORTED_TOLERANCE) for fit in near), key=_criterion)
+        return min((self._refined_to(fit, REPORTED_TOLERANCE) for fit in near), key=_criterion)
 
     def _fitted(self, guess: Guess, tolerance: float) -> Optimum:
         """A model fitted to a tolerance, if it is not yet."""
         if guess.model in self._fits:
-            return self._to(self._fits[guess.model][0], tolerance)
+            return self._refined_to(self._fits[guess.model][0], tolerance)
         joint = Likelihood(self.prediction, guess.model, adjoint=self.prediction.is_large)
         pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
         starts = np.array([np.concatenate([pilot, guess.values]) for pilot in pilots])
-        fit = Optimum(joint, descended(joint, starts, tolerance), check=self.check)
-        return self._kept(fit, tolerance)
+        fit = Optimum(joint, descend(joint, starts, tolerance), check=self.check)
+        return self._remember(fit, tolerance)
 
-    def _to(self, fit: Optimum, tolerance: float) -> Optimum:
+    def _refined_to(self, fit: Optimum, tolerance: float) -> Optimum:
         """A fit that was made before, to a tolerance."""
         reached = self._fits[fit.joint.noise][1]
-        return fit if reached <= tolerance else self._kept(fit.refined(tolerance), tolerance)
+        return fit if reached <= tolerance else self._remember(fit.refined(tolerance), tolerance)
 
-    def _kept(self, fit: Optimum, tolerance: float) -> Optimum:
+    def _remember(self, fit: Optimum, tolerance: float) -> Optimum:
         self.iterations += fit.end.iterations
         self._fits[fit.joint.noise] = fit, tolerance
         return fit
