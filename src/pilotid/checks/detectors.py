@@ -33,7 +33,6 @@ from pilotid.checks.timing import (
 )
 from pilotid.model.element import parsed_element
 from pilotid.recording.recording import Recording, remembered
-from pilotid.recording.spectra import floors_of
 from pilotid.support.limits import ELEMENT, RECORDER
 from pilotid.support.remarks import GRADES, Grade, Remark
 from pilotid.support.types import ComplexArray, FloatArray
@@ -74,29 +73,25 @@ class Finding:
 @remembered
 def findings(recording: Recording) -> tuple[Finding, ...]:
     """All faults of the recorder that the signals show, the gravest first."""
-    moving = _moving(recording)
-    if not {"e", "u"} <= set(moving):
+    look = _Look(recording)
+    if not {"e", "u"} <= set(look.signals):
         return ()
     with np.errstate(all="ignore"):  # a signal may be of any size
-        found = _found(_Look(recording, moving), _ends(recording))
+        found = list(_ends(recording))
+        found += [*look.lost(found), *look.steps()]
+        if not any(f.code in ("lost-samples", "appended-runs") for f in found):
+            found += look.identity()
+            found += look.times(found)
+        found += look.copies()
     once = {(f.code, f.signal): f for f in reversed(found)}
     return tuple(sorted(once.values(), key=lambda finding: GRADES.index(finding.grade)))
-
-
-def _found(look: _Look, ends: Sequence[Finding]) -> list[Finding]:
-    found = list(ends)
-    found += [*look.lost(found), *look.floors(), *look.steps()]
-    if not any(f.code in ("lost-samples", "appended-runs") for f in found):
-        found += look.identity()
-        found += look.times(found)
-    return found + list(look.copies())
 
 
 @remembered
 def _ends(recording: Recording) -> tuple[Finding, ...]:
     """What ends the band of a signal, so that nothing is left of it above."""
     with np.errstate(all="ignore"):
-        look = _Look(recording, _moving(recording))
+        look = _Look(recording)
         return (*look.falls(), *look.grids())
 
 
@@ -105,27 +100,13 @@ def band_end(recording: Recording) -> float:
     return 2.0 * math.pi * min((f.usable for f in _ends(recording)), default=math.inf)
 
 
-def _moving(recording: Recording) -> dict[str, FloatArray]:
-    signals = {name: recording.window(recording.input(name)) for name in recording.signals}
-    return {name: s for name, s in signals.items() if np.any(np.diff(s, axis=1))}
-
-
 class _Look:
     """The signals of a recording that move, and what several detectors use of them."""
 
-    def __init__(self, recording: Recording, signals: dict[str, FloatArray]) -> None:
-        self.recording, self.signals, self.dt = recording, signals, recording.dt
-        self.samples = recording.samples
-        self.bands = _bands(self.samples, self.dt)
-        self.hertz = np.array([math.sqrt(a * b) for a, b in self.bands]) / recording.duration
-        self.bins = np.diff(self.bands, axis=1).ravel() * len(recording.u)
-        self.spectra = {name: _transform(signal) for name, signal in signals.items()}
-        self.power = {name: self._power(spectrum) for name, spectrum in self.spectra.items()}
-        self.units = {name: recording.units.get(name, "") for name in signals}
-
-    def _power(self, spectrum: ComplexArray) -> FloatArray:
-        density = np.mean(np.abs(spectrum) ** 2, axis=0)
-        return np.array([np.median(density[a:b]) for a, b in self.bands]) + 1e-300
+    def __init__(self, recording: Recording) -> None:
+        self.recording, self.dt = recording, recording.dt
+        every = {name: recording.window(recording.input(name)) for name in recording.signals}
+        self.signals = {name: s for name, s in every.items() if np.any(np.diff(s, axis=1))}
 
     @property
     def drive(self) -> FloatArray:
@@ -134,18 +115,23 @@ class _Look:
 
     def falls(self) -> Iterator[Finding]:
         """Low-pass filters: spectra of pilots and elements fall, but nowhere that steeply."""
-        if self.hertz.size < 10:
+        bands = _bands(self.recording.samples, self.dt)
+        if len(bands) < 10:
             return
+        hertz = np.array([math.sqrt(a * b) for a, b in bands]) / self.recording.duration
+        bins = np.diff(bands, axis=1).ravel() * self.recording.runs
         for which, name in enumerate(("u", "x")):
             if name not in self.signals:
                 continue
-            level = 10.0 * np.log10(self.power[name])
-            slope, at = level[3:] - level[:-3], self.hertz[:-3]
-            known = (at > 1.0) & (self.bins[:-3] >= FEWEST)
+            power = np.mean(np.abs(_transform(self.signals[name])) ** 2, axis=0)
+            middle = np.array([np.median(power[begin:end]) for begin, end in bands])
+            level = 10.0 * np.log10(middle + 1e-300)
+            slope, at = level[3:] - level[:-3], hertz[:-3]
+            known = (at > 1.0) & (bins[:-3] >= FEWEST)
             if not known.any():
                 continue
             steepest = first = int(np.argmin(np.where(known, slope, 0.0)))
-            between = known[:-3] & (self.hertz[:-6] < 9.0)
+            between = known[:-3] & (hertz[:-6] < 9.0)
             octave = float(np.min((level[6:] - level[:-6])[between], initial=0.0))
             half = RECORDER.half_octave[which]
             if slope[steepest] >= half and octave >= RECORDER.octave[which]:
@@ -154,8 +140,8 @@ class _Look:
                 first -= 1
             usable = float(at[first])
             # Between the lines of a recording without remnant there is next to nothing anyway.
-            density = 10.0 * np.log10(np.mean(np.abs(self.spectra[name]) ** 2, axis=0) + 1e-300)
-            out = [np.max(density[begin:end]) for begin, end in self.bands] - level
+            density = 10.0 * np.log10(power + 1e-300)
+            out = [np.max(density[begin:end]) for begin, end in bands] - level
             if np.max(out) > RECORDER.lines[0] or np.max(out[steepest + 3 :]) > RECORDER.lines[1]:
                 continue
             words = (
@@ -189,35 +175,14 @@ class _Look:
             if name not in self.signals:
                 continue
             step, rms = step_of(self.signals[name]), float(np.std(self.signals[name]))
-            if step > RECORDER.lattice * rms:
-                words = f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms"
-                coarse = step > RECORDER.coarse * rms
-                if coarse:
-                    words += (
-                        ": small movements are lost, and the controlled element may not show; "
-                        "record with finer steps, and name the element with --element"
-                    )
-                grade: Grade = "doubt" if coarse else "note"
-                yield Finding("rounded", name, grade, step, self.units[name], words)
-
-    def floors(self) -> Iterator[Finding]:
-        """White noise, whose spectrum is flat where that of a loop falls."""
-        own = self._unanswered > RECORDER.unanswered
-        floors = floors_of(self.recording)
-        for name in ("x", "e"):
-            if name not in self.signals or not self._slope(name) > RECORDER.flat:
-                continue
-            if not own and not (name == "e" and self._apart > RECORDER.own):
-                continue
-            usable = floors.usable((name,)) / (2.0 * math.pi)
-            size = math.sqrt(floors.floor[name] * math.pi / self.dt)
-            words = (
-                f"{name} is usable up to {usable:.2g} Hz: it is met by a floor there, of noise or "
-                f"rounding of {size:.2g} {self.units[name]}".rstrip()
-                + "; mle allows for it; record with less noise or more digits to use more"
-            )
-            grade: Grade = "note" if usable >= 1.0 else "doubt"
-            yield Finding("noise", name, grade, size, self.units[name], words, usable)
+            if step > RECORDER.coarse * rms:
+                words = (
+                    f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms: small "
+                    "movements are lost, and the controlled element may not show; record with "
+                    "finer steps, and name the element with --element"
+                )
+                unit = self.recording.units.get(name, "")
+                yield Finding("rounded", name, "doubt", step, unit, words)
 
     @property
     def _apart(self) -> float:
@@ -226,40 +191,6 @@ class _Look:
             return 0.0
         e, x, ft = (self.signals[n] for n in ("e", "x", "ft"))
         return float(np.std(e - ft + x) / np.std(e))
-
-    def _slope(self, name: str) -> float:
-        """Slope of the upper part of a spectrum [dB an octave]; NaN if it is too short."""
-        top = self.hertz > 0.35 * self.hertz[-1] if self.hertz.size else np.zeros(0, dtype=bool)
-        if np.count_nonzero(top) < 4:
-            return math.nan
-        return float(
-            np.polyfit(np.log2(self.hertz[top]), 10 * np.log10(self.power[name][top]), 1)[0]
-        )
-
-    @property
-    def _unanswered(self) -> float:
-        """Share of x that is no smooth answer to the drive, in the upper half of the bands.
-
-        In each band the answer is a polynomial of order two in frequency times the drive.
-        """
-        if "x" not in self.signals or not self.bands:
-            return 1.0
-        output, drive = self.spectra["x"], _transform(self.drive)
-        first, last = 0.35 * self.hertz[-1], 0.75 * self.hertz[-1]
-        shares = []
-        for (a, b), at in zip(self.bands, self.hertz, strict=True):
-            if not first < at < last or len(output) * (b - a) < 9:
-                continue
-            along = np.linspace(-1.0, 1.0, b - a)
-            columns = np.stack([drive[:, a:b] * along**i for i in range(3)], axis=-1).reshape(-1, 3)
-            wanted = output[:, a:b].ravel()
-            size = np.abs(wanted)
-            weight = 1.0 / np.maximum(size, np.median(size) + 1e-300)  # lines must not rule
-            weighted, target = columns * weight[:, None], wanted * weight
-            left = target - weighted @ np.linalg.lstsq(weighted, target, rcond=None)[0]
-            total = float(np.mean(np.abs(target) ** 2)) or 1.0
-            shares.append(float(np.sum(np.abs(left) ** 2)) / (len(left) - 3) / total)
-        return float(np.median(shares)) if shares else 1.0
 
     def lost(self, found: Sequence[Finding]) -> Iterator[Finding]:
         """Samples of x lost, repeated or spiked: x cannot be told from its past and its drive."""
@@ -335,7 +266,6 @@ class _Look:
             return
         # Noise on x, which stands on the right-hand side, moves times and shares.
         biased = RECORDER.biased * best.left
-        noisy = any(f.signal == "x" and f.code in ("noise", "resampled") for f in found)
         least = max(RECORDER.errors * best.error, RECORDER.apart[0] * self.dt, RECORDER.apart[1])
         if best.error < RECORDER.told and abs(best.late) > least + biased:
             # Where x answers to the two before fd moves, fd is late and u is not.
@@ -347,7 +277,7 @@ class _Look:
         off = abs(best.share - 1.0)
         least = RECORDER.errors * best.share_error
         if (
-            not (noisy and best.left > RECORDER.exact)
+            best.left <= RECORDER.exact
             and best.share_error < 0.05 * max(1.0, abs(best.share))
             and off > max(least, RECORDER.gain)
         ):
@@ -417,7 +347,7 @@ class _Look:
                     f"runs {one + 1} and {other + 1} have the same control: one is a copy of the "
                     "other; leave it out"
                 )
-                yield Finding("repeated-samples", "u", "wrong", 1.0, "", words)
+                yield Finding("copied-run", "u", "wrong", 1.0, "", words)
 
 
 def _late(name: str, other: str, late: float, dt: float, why: str) -> Finding:
@@ -570,5 +500,5 @@ def copies_among(names: Sequence[str], prints: Sequence[Sequence[str]]) -> dict[
                 f"run {one.index(copy) + 1} has the same control as run {other.index(copy) + 1} of "
                 f"{names[j]}: one is a copy of the other; leave it out"
             )
-            said[i] = [Remark("repeated-samples", words, "wrong")]
+            said[i] = [Remark("copied-run", words, "wrong")]
     return said

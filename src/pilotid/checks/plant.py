@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +23,6 @@ BANDS = 12  # equally wide on a logarithmic scale
 LOWEST, HIGHEST = 0.5, 15.0  # rad/s
 FEWEST_BINS = 4  # of all runs, of which the coherence of a band is made
 FEWEST_BANDS = 4
-LATEST = 3.0  # s by which a control that seems later than x is looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,26 +59,6 @@ class Plant:
         Fast remnant that sampling folds down is in u and not in x; it counts where x is small.
         """
         return float(np.average(self.coherence, weights=np.sqrt(self.size)))
-
-
-class AtTarget(NamedTuple):
-    """Control and output at the lines of the target.
-
-    Attributes
-    ----------
-    lines
-        Multiples of 2 pi / T, shape (lines,).
-    control, output
-        Transforms there, complex, shape (runs, lines).
-    control_noise, output_noise
-        Power of the noise there, shape (lines,).
-    """
-
-    lines: IntArray
-    control: ComplexArray
-    control_noise: FloatArray
-    output: ComplexArray
-    output_noise: FloatArray
 
 
 @remembered
@@ -143,27 +121,20 @@ def _polarity(omega: FloatArray, response: ComplexArray) -> float:
 
 def _polarity_at_target(recording: Recording, rows: slice) -> float:
     """The same where fd was not recorded: there may be a disturbance, but not at these lines."""
-    told = _at_target(recording)
-    if told is None:
-        return 0.0
-    omega = np.asarray(told.lines * 2.0 * np.pi / recording.duration, dtype=float)
-    good = (omega >= LOWEST) & (omega <= HIGHEST)
-    control, output = told.control[rows], told.output[rows]
-    for at, noise in ((control, told.control_noise), (output, told.output_noise)):
-        good &= np.mean(np.abs(at) ** 2, axis=0) > ELEMENT.stands_out * noise
-    response = np.mean(output * control.conj(), axis=0) / np.mean(np.abs(control) ** 2, axis=0)
-    return _polarity(omega[good], response[good])
-
-
-@remembered
-def _at_target(recording: Recording) -> AtTarget | None:
-    """Control and output at the target's lines, None where these are too few."""
     every = target_lines(recording)
     if every is None:
-        return None
+        return 0.0
     lines = every["ft"]
-    control, output = (at_lines(recording, s, lines, every) for s in (recording.u, recording.x))
-    return AtTarget(lines, *control, *output)
+    omega = np.asarray(lines * 2.0 * np.pi / recording.duration, dtype=float)
+    good = (omega >= LOWEST) & (omega <= HIGHEST)
+    values = []
+    for signal in (recording.u, recording.x):
+        at, noise = at_lines(recording, signal, lines, every)
+        values.append(at[rows])
+        good &= np.mean(np.abs(at[rows]) ** 2, axis=0) > ELEMENT.stands_out * noise
+    control, output = values
+    response = np.mean(output * control.conj(), axis=0) / np.mean(np.abs(control) ** 2, axis=0)
+    return _polarity(omega[good], response[good])
 
 
 def _answer(output: ComplexArray, drive: ComplexArray, duration: float) -> Plant | None:
@@ -286,32 +257,4 @@ def unrelated(recording: Recording) -> Remark | None:
         f"x is not the answer to {what}: their coherence is {plant.mean_coherence:.2f} where an "
         "element without noise has 1; the signals are of different runs, times, axes or units, "
         "another disturbance acts, or the element changes during the recording",
-    )
-
-
-def late(recording: Recording) -> Remark | None:
-    """The output answers to the control, not before it: their phase does not grow with frequency.
-
-    At the target's lines x is the controlled element's answer to u alone.  Of all times the one
-    sought makes the phase from line to line the smoothest.
-    """
-    recording = unit_sized(recording)
-    told = None if recording.duration < ELEMENT.late_from else _at_target(recording)
-    if told is None:
-        return None
-    ratio = told.output * told.control.conj()
-    turns = np.sum(ratio[:, 1:] * ratio[:, :-1].conj(), axis=0)  # whatever the sign of a run
-    if not np.abs(turns).all():
-        return None
-    times = np.arange(-LATEST, LATEST, 0.02)
-    apart = 2.0 * np.pi * np.diff(told.lines) / recording.duration
-    smooth = np.real(np.exp(-1j * np.outer(times, apart)) @ (turns / np.abs(turns))) / turns.size
-    best = int(np.argmax(smooth))
-    gain = smooth[best] - np.interp(0.0, times, smooth)
-    if times[best] <= ELEMENT.late or gain < ELEMENT.smoother:
-        return None
-    return Remark(
-        "late-signal",
-        f"u is recorded {times[best]:.2g} s after x has answered to it: the two are shifted in "
-        "time; bring them together",
     )

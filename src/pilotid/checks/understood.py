@@ -10,7 +10,6 @@ from pilotid.checks.plant import plant_of
 from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.recording.spectra import NotMultisineError, answers, lines_of
 
-REST = 0.2  # seconds at one value from which a control rests
 LACKING = {
     "e": "no model can be fitted",
     "x": "models with a channel on x cannot be fitted",
@@ -24,10 +23,9 @@ def understood(recording: Recording) -> dict[str, Any]:
 
     The keys are ``runs``, ``rate`` [Hz], ``duration`` and ``run_in`` [s] of the measurement window
     and before it; ``unscored``, the seconds at its beginning that methods in the time domain do
-    not score; ``signals``, and ``missing`` with what that means; ``forcing``; ``rest``, the share
-    of the time that the control keeps one value for 0.2 s or longer; ``element_coherence``, the
-    mean squared coherence of x with u + fd, None if unknown; and ``controlled_element``, what the
-    file says of it.
+    not score; ``signals``, and ``missing`` with what that means; ``forcing``;
+    ``element_coherence``, the mean squared coherence of x with u + fd, None if unknown; and
+    ``controlled_element``, what the file says of it.
 
     A signal has ``name``, ``meaning``, ``origin`` (its name in the file, or what it follows from),
     ``unit``, and ``rms``, ``smallest`` and ``largest`` over the window of all runs.
@@ -52,7 +50,6 @@ def understood(recording: Recording) -> dict[str, Any]:
             for name in ("ft", "fd")
             if getattr(recording, name) is not None or name in recording.lines
         ],
-        "rest": _rest(recording),
         "element_coherence": None if plant is None else plant.mean_coherence,
         "controlled_element": recording.controlled_element,
     }
@@ -86,18 +83,6 @@ def _forcing(recording: Recording, name: str) -> dict[str, Any]:
         "highest": lines[-1] * base if lines else None,
         "given": name in recording.lines,
         "answered": None if answer is None else answer.loud,
-        "coherence": None if answer is None else float(np.median(answer.coherence)),
+        "coherence": None if answer is None else answer.coherence,
         "why": "" if lines else why,
     }
-
-
-def _rest(recording: Recording) -> float:
-    """Share of the steps of the control that belong to a rest."""
-    window = recording.window(recording.u)
-    resting = 0
-    for row in window:
-        moves = np.flatnonzero(np.diff(row) != 0.0)
-        edges = np.concatenate([[-1], moves, [row.size - 1]])
-        still = np.diff(edges) - 1  # steps without a change between two changes
-        resting += int(still[still * recording.dt >= REST].sum())
-    return resting / float(window.shape[0] * (window.shape[1] - 1))

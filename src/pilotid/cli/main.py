@@ -26,7 +26,7 @@ from pilotid.model.catalogue import AUTO, MODELS, model_named
 from pilotid.model.element import ControlledElement, element_named
 from pilotid.model.model import PilotModel
 from pilotid.naming.code import PluginWarning
-from pilotid.naming.settings import labelled, split_list
+from pilotid.naming.settings import labelled
 from pilotid.recording.files import Reading, read_with, save_recording
 from pilotid.recording.recording import Recording
 from pilotid.recording.windows import sidecar_path, stem_of
@@ -251,7 +251,6 @@ def _fitted(
 def check(
     files: list[Path],
     *,
-    model: str = "single,multi",
     reading: Reading,
     joint: bool = False,
     element: str | None = None,
@@ -265,10 +264,9 @@ def check(
 
     plant = element_named(element) if element else None
     ignored = codes_in(ignore or ())
-    models = [model_named(name) for name in split_list(model)]
     options.require_free(files, json, force=force)
     recordings, refused = reading.all(files, joint=joint)
-    every = check_all(recordings, models, plant, ignored)
+    every = check_all(recordings, plant, ignored)
     summary = [summary_of(every)] if len(every) > 1 else []
     if brief and json is None:
         show(make_console(), *(checked.brief for checked in every), *summary)

@@ -19,15 +19,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from pilotid.likelihood.optimum import Optimum
-from pilotid.likelihood.search import lines_pilot, maxima_from, maximise_likelihood
-from pilotid.likelihood.settings import LikelihoodSettings
 from pilotid.model.factors import Polynomial
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
@@ -68,18 +66,9 @@ class Constancy:
     p: float
 
     @property
-    def changes(self) -> bool:
-        """Whether the pilot is said to change: certainly and by much."""
-        return changes(self.p, self.size)
-
-    @property
     def size(self) -> float:
         """The largest of the steps, without its sign."""
         return max(abs(step) for step in self.steps)
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain objects, as JSON has them."""
-        return {**asdict(self), "changes": self.changes}
 
     def __str__(self) -> str:
         steps = zip(self.keys, self.steps, strict=True)
@@ -121,27 +110,6 @@ def constancy(found: Optimum, recording: Recording) -> Constancy | None:
         time=unscored + best.place * prediction.scored * prediction.dt,
         p=min(1.0, len(changes) * tail),
     )
-
-
-def constancy_of(
-    recording: Recording, model: PilotModel, rng: np.random.Generator
-) -> Constancy | None:
-    """Fit a constant model, near the pilot of the forcing lines where there are any, and test it.
-
-    Parameters
-    ----------
-    recording, model
-        What is fitted.
-    rng
-        Draws the random starts.
-    """
-    settings = LikelihoodSettings(wide=())
-    known = lines_pilot(recording, model, rng)
-    if known is None:
-        found = maximise_likelihood(recording, model, rng, settings)
-    else:
-        found = maxima_from(recording, model, settings, known)[0]
-    return constancy(found, recording)
 
 
 def may_vary(model: PilotModel) -> list[int]:

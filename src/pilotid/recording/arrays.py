@@ -55,7 +55,7 @@ class MatlabObject(NamedTuple):
 Variables = dict[str, Any]
 
 
-def read_arrays(path: Path, source: str, part: str, columns: list[str]) -> Content:
+def read_arrays(path: Path, source: str, part: str) -> Content:
     """What a file holds, or a part of it.
 
     Parameters
@@ -63,9 +63,7 @@ def read_arrays(path: Path, source: str, part: str, columns: list[str]) -> Conte
     path, source
         The file, and its name in messages.
     part
-        Name of the struct, group or cell that holds the recording; empty for all.
-    columns
-        Names that are asked for, of columns of matrices, ``data:3``, as well.
+        Name of the struct or group that holds the recording; empty for all.
 
     Raises
     ------
@@ -84,13 +82,13 @@ def read_arrays(path: Path, source: str, part: str, columns: list[str]) -> Conte
         place[last] = value.tolist() if isinstance(value, np.ndarray) else value
     beside = path.suffix.lower() != ".mat" and sidecar_path(path).exists()
     notes = read_sidecar(path) if beside else parsed(facts, f"{source}, variable {NOTES}")
-    families = _families(variables, part, source)
-    for wanted in columns:
-        name, _, number = wanted.rpartition(":")
-        if name in families and number.isdecimal():
-            ((own, value),) = families[name].items()
-            families[wanted] = {f"{own}:{number}": _column(value, int(number))}
-    roots = {name[:n]: None for name in families for n, sign in enumerate(name) if sign == "."}
+    families: dict[str, dict[str, Any]] = {}
+    for name, value in variables.items():
+        families.setdefault(family_of(name), {})[name] = value
+    roots = dict.fromkeys(name.partition(".")[0] for name in families if "." in name)
+    if part and part not in roots:
+        what = f"has no part {shown(part)}, only {listed(roots)}"
+        raise InputError(f"{source}: {what}; name one of them behind ::")
     advice = next(
         (
             f"variable {name} is a MATLAB {value.kind}, which only MATLAB reads: make matrices of "
@@ -110,48 +108,16 @@ def read_arrays(path: Path, source: str, part: str, columns: list[str]) -> Conte
             )
         return np.atleast_1d(value if value.dtype.kind == "f" else value.astype(np.float64))
 
-    parts = {} if part else {root: _view(families, root) for root in roots}
-    return Content(families, parts, notes, numbers, source, "variable", advice=advice)
+    views = {root: {**families, **_inside(families, root)} for root in roots}
+    whole, parts = (views[part], {}) if part else (families, views)
+    return Content(whole, parts, notes, numbers, source, "variable", advice=advice)
 
 
-def _families(variables: Variables, part: str, source: str) -> dict[str, dict[str, Any]]:
-    """The variables of a file, or of a part and those outside it, by family."""
-    family = family_of(part)
-    inside = [
-        name
-        for name in variables
-        if part and name.startswith((f"{part}.", f"{part}(", f"{part}{{"))
-    ]
-    families: dict[str, dict[str, Any]] = {}
-    for name, value in variables.items():
-        if not part or name in inside or not family_of(name).startswith(f"{family}."):
-            families.setdefault(family_of(name), {})[name] = value
-    if not part:
-        return families
-    if not inside:
-        there = dict.fromkeys(name.rpartition(".")[0] for name in variables if "." in name)
-        what = f"has no part {shown(part)}, only {listed(there)}"
-        raise InputError(f"{source}: {what}; name one of them behind ::")
-    return _view(families, family)
-
-
-def _view(families: Families, root: str) -> dict[str, Any]:
-    """What is in a struct, or beside or above it, by its name there; all by the whole name."""
-    above, inside = {}, {}
-    for name, members in families.items():
-        parent, _, last = name.rpartition(".")
-        if name.startswith(f"{root}."):
-            inside[name.removeprefix(f"{root}.")] = members
-        elif not parent or root.startswith(f"{parent}."):
-            above[last] = members
-    return {**families, **above, **inside}
-
-
-def _column(value: Any, number: int) -> Any:
-    """A column of a matrix, counted from 1."""
-    matrix = np.atleast_2d(value)
-    table = matrix if len(matrix) >= matrix.shape[-1] else matrix.T  # more samples than columns
-    return table[:, number - 1] if table.ndim == 2 and 0 < number <= table.shape[1] else None
+def _inside(families: Families, root: str) -> Families:
+    """What is in a struct, by its name there."""
+    start = f"{root}."
+    inside = {n.removeprefix(start): own for n, own in families.items() if n.startswith(start)}
+    return {name: own for name, own in inside.items() if "." not in name}
 
 
 def _read(path: Path, source: str) -> Variables:
@@ -168,7 +134,7 @@ def _read(path: Path, source: str) -> Variables:
             head = stream.read(520)
         if path.suffix.lower() == ".npz":
             with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-                return dict(pair for name in archive.files for pair in _in_npz(archive, name))
+                return {name: _in_npz(archive, name) for name in archive.files}
         if HDF5 in (head[:8], head[512:]):
             import h5py
 
@@ -245,14 +211,12 @@ def _in_array(value: Any, name: str) -> Iterator[tuple[str, Any]]:
         yield name, value.squeeze()
 
 
-def _in_npz(archive: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """The variables in an array of numpy: itself, or its fields; objects are none."""
+def _in_npz(archive: Any, name: str) -> Any:
+    """An array of numpy; None for objects of Python, which could run a program when read."""
     try:
-        array = archive[name]
-    except ValueError:  # objects of Python could run a program when they are read
-        array = np.array(None)
-    for field in array.dtype.names or ("",):
-        yield f"{name}.{field}".rstrip("."), (array[field] if field else array).squeeze()
+        return archive[name].squeeze()
+    except ValueError:
+        return None
 
 
 def _decoded(word: Any) -> str:
@@ -281,6 +245,4 @@ def _in_hdf5(entry: Any, name: str) -> Iterator[tuple[str, Any]]:
         text = b"" if "MATLAB_empty" in entry.attrs else entry[()].T.astype("<u2").tobytes()
         yield name, text.decode("utf-16-le")
     else:
-        values: Any = np.zeros(0) if "MATLAB_empty" in entry.attrs else entry[()].T
-        for field in values.dtype.names or ("",):
-            yield f"{name}.{field}".rstrip("."), (values[field] if field else values).squeeze()
+        yield name, np.zeros(0) if "MATLAB_empty" in entry.attrs else entry[()].T.squeeze()

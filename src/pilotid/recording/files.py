@@ -18,8 +18,7 @@ from pilotid.recording.roles import (
     UNEVENNESS,
     Content,
     Signals,
-    chosen_by,
-    only,
+    listed,
     places_of,
     shown,
     signals_of,
@@ -27,11 +26,10 @@ from pilotid.recording.roles import (
 from pilotid.recording.table import read_table
 from pilotid.recording.windows import (
     chosen_runs,
-    file_and_parts,
+    file_and_part,
     file_of,
     sidecar_path,
     span_of,
-    spanned,
     whole_periods,
 )
 from pilotid.support.disk import path_shown, write_file
@@ -99,27 +97,23 @@ def load_recording(
         If the file cannot be used; the message says where it goes wrong.
     """
     source = path_shown(path)
-    file, parts = file_and_parts(path)
-    pairs = [text.partition("=") for text in parts]
-    levels = {name.strip(): value.strip() for name, equals, value in pairs if equals}
-    part = ".".join(name for name, equals, _ in pairs if not equals)
-    places = places_of(mapping, ())
+    file, part = file_and_part(path)
+    name, by_value, value = part.partition("=")
     is_text = _suffix(file, source, READ) in TEXTS
     if is_text and part:
         raise InputError(
-            f"{source}: a table has no part {shown(part)}; choose rows by the value in a column, "
-            "as in FILE::subject=3"
+            f"{source}: a table has no part {shown(part)}; write the rows into a file of their own"
         )
     try:
         with np.errstate(all="ignore"):  # files may hold anything
             if is_text:
-                content = read_table(file, source, places["t"][1], levels)
+                content = read_table(file, source)
             else:
-                content = read_arrays(file, source, part, [name for _, name in places.values()])
+                content = read_arrays(file, source, "" if by_value else part)
             timed = dt is not None or content.notes.dt is not None
             signals = signals_of(content, mapping, timed=timed)
-            for name, level in {} if is_text else levels.items():
-                signals = signals._replace(values=_chosen(content, signals.values, name, level))
+            if by_value:
+                signals = signals._replace(values=_chosen(content, signals.values, name, value))
             recording = _assembled(content, signals, source, dt)
     except OSError as error:
         raise InputError(
@@ -130,19 +124,26 @@ def load_recording(
 
 
 def _chosen(
-    content: Content, values: Mapping[str, FloatArray], name: str, level: str
+    content: Content, values: Mapping[str, FloatArray], name: str, value: str
 ) -> dict[str, FloatArray]:
-    """The runs at which a variable with one value a run has the value in a text."""
-    levels: list[object] = []
-    for held in content.families[only(name, content.families, content.where)].values():
-        levels += held.ravel().tolist() if isinstance(held, np.ndarray) else [held]
+    """The runs at which a variable with one number a run has the value in a text."""
     runs = len(values["u"])
-    if len(levels) != runs:
+    held = np.ravel(content.families.get(name, {}).get(name, ""))
+    if held.dtype.kind not in "fiub" or held.size != runs:
         raise InputError(
-            f"{content.where}: variable {shown(name)} has {len(levels)} values but there are "
-            f"{runs} runs; runs are chosen by a variable with one value a run"
+            f"{content.where}: variable {shown(name)} must have one number for each of the {runs} "
+            f"runs; choose by such a variable, of {listed(content.families)}"
         )
-    chosen = chosen_by(levels, name, level, content.where)
+    try:
+        chosen = held == float(value)
+    except ValueError:
+        chosen = np.zeros(runs, dtype=bool)
+    if not chosen.any():
+        there = dict.fromkeys(f"{own:g}" for own in held)
+        raise InputError(
+            f"{content.where}: no run has {shown(name)} = {shown(value)}; choose one of "
+            f"{listed(there)}"
+        )
     return {s: v[chosen] if len(v) == runs else v for s, v in values.items()}
 
 
@@ -342,7 +343,7 @@ class Reading:
         recording = load_recording(file, self.names, self.dt, periods=not self.span)
         recording = replace(recording, lead_in=self.lead_in)
         if self.span:
-            recording = spanned(recording, *span_of(self.span))
+            recording = recording.cut(*span_of(self.span))
         return detrended(recording) if self.detrend else recording
 
     def all(self, files: Sequence[Path], *, joint: bool) -> tuple[list[Recording], list[str]]:

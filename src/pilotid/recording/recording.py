@@ -48,11 +48,6 @@ def is_unit(text: object) -> bool:
     return _is_text(text, LONGEST_UNIT) and "$" not in str(text)
 
 
-def is_element(text: object) -> bool:
-    """Whether a text can describe a controlled element."""
-    return _is_text(text, LONGEST_ELEMENT)
-
-
 def _is_text(text: object, longest: int) -> bool:
     return isinstance(text, str) and len(text) <= longest and text.isprintable()
 
@@ -132,7 +127,7 @@ class Recording:
                     f"{self.source}: the unit of {name} must be at most {LONGEST_UNIT} printable "
                     "characters without $; shorten it or leave it out"
                 )
-        if not is_element(self.controlled_element):
+        if not _is_text(self.controlled_element, LONGEST_ELEMENT):
             raise InputError(
                 f"{self.source}: the description of the controlled element must be at most "
                 f"{LONGEST_ELEMENT} printable characters; shorten it or leave it out"

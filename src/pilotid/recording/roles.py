@@ -105,31 +105,6 @@ def matching(wanted: str, names: Iterable[str]) -> list[str]:
     )
 
 
-def only(wanted: str, names: Iterable[str], where: str) -> str:
-    """The one name by which runs or rows are chosen."""
-    if len(found := matching(wanted, names)) != 1:
-        there = f"only {listed(names)}; choose by one of them"
-        raise InputError(f"{where}: {shown(wanted)} is not there, {there}")
-    return found[0]
-
-
-def chosen_by(values: Iterable[object], name: str, wanted: str, where: str) -> list[bool]:
-    """Which of the values of a variable or column are the one in a text, compared as numbers."""
-
-    def same(value: object) -> bool:
-        try:
-            return float(str(value)) == float(wanted)
-        except ValueError:
-            return str(value).strip() == wanted
-
-    found = [same(value) for value in values]
-    if not any(found):
-        there = dict.fromkeys(f"{v:g}" if isinstance(v, float) else str(v) for v in values)
-        what = f"no run has {shown(name)} = {shown(wanted)}"
-        raise InputError(f"{where}: {what}; there are {listed(there)}")
-    return found
-
-
 def places_of(mapping: Mapping[str, str] | None, extra: Iterable[str]) -> Places:
     """A factor and a name in the file by signal; what is not one of `NAMES` is an extra signal.
 

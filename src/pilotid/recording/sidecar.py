@@ -1,13 +1,10 @@
-"""What a file says of its recording beside the signals: F.json, the struct pilotid, comments."""
+"""What a file says of its recording beside the signals: F.json, the struct pilotid."""
 
 from __future__ import annotations
 
 import codecs
-import re
-from collections.abc import Iterable
-from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
@@ -85,37 +82,16 @@ def parsed(raw: object, where: str) -> Sidecar:
     return found
 
 
-def read_sidecar(file: Path, comments: Iterable[str] = (), *, timed: bool = False) -> Sidecar:
-    """The facts beside a file, and those in comments such as ``dt: 0.01`` that it does not give.
-
-    Parameters
-    ----------
-    file
-        The file of signals.
-    comments
-        Those in it.  They are for people: what is not understood is left aside.
-    timed
-        Whether it holds times, which count for more than a comment.
+def read_sidecar(file: Path) -> Sidecar:
+    """The facts beside a file; none where it has no sidecar.
 
     Raises
     ------
     InputError
         If the sidecar cannot be used.
     """
-    unread = {"runs", "extra"} | ({"dt"} if timed else set())
-    facts: dict[str, Any] = {}
-    for comment in comments:
-        match = re.fullmatch(r"\W*(\w+)\s*[:=]\s*(.*\S)\s*", comment)
-        key = match[1].casefold() if match else ""
-        if match and key in Sidecar.model_fields.keys() - facts.keys() - unread:
-            value = re.sub(r"(?<=[0-9])\s*(s|sec|seconds)$", "", match[2])
-            for text in (value, f'"{value}"'):
-                with suppress(InputError):
-                    facts |= parsed(f'{{"{key}": {text}}}'.encode(), "").model_dump(
-                        exclude_unset=True
-                    )
     path = sidecar_path(file)
-    if path.exists():
-        require_file(path, LARGEST_FILE)
-        facts |= parsed(path.read_bytes(), path_shown(path)).model_dump(exclude_unset=True)
-    return Sidecar(**facts)
+    if not path.exists():
+        return Sidecar()
+    require_file(path, LARGEST_FILE)
+    return parsed(path.read_bytes(), path_shown(path))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -188,37 +189,19 @@ def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Answer:
+class Answer(NamedTuple):
     """The control at the lines of one forcing function.
 
     Attributes
     ----------
-    lines
-        Multiples of 2 pi / T, shape (lines,).
+    loud
+        Number of lines that stand out of the noise.
     coherence
-        Share of the control's power there that is not noise, shape (lines,).
-    ratios
-        Power there over that of the noise, shape (lines,).
-    runs
-        Of how many runs powers are means.
+        Share of the control's power at a line that is not noise, of the median line.
     """
 
-    lines: IntArray
-    coherence: FloatArray
-    ratios: FloatArray
-    runs: int
-
-    @property
-    def strength(self) -> float:
-        """By how much the mean ratio exceeds 1, in units of its scatter without an answer."""
-        return float((np.mean(self.ratios) - 1.0) * np.sqrt(self.runs * self.ratios.size))
-
-    @property
-    def loud(self) -> int:
-        """Number of lines that stand out of the noise."""
-        loud = 1.0 + (LOUD - 1.0) / np.sqrt(self.runs)  # chance scatters less in a mean of runs
-        return int(np.count_nonzero(self.coherence > 1.0 - 1.0 / loud))
+    loud: int
+    coherence: float
 
 
 def answers(recording: Recording) -> dict[str, Answer]:
@@ -231,7 +214,10 @@ def answers(recording: Recording) -> dict[str, Answer]:
         noise = np.mean(np.median(np.abs(beside - leaked[..., None]) ** 2, axis=2), axis=0) / MEDIAN
         noise += 1e-12 * np.max(np.abs(control)) ** 2
         ratio = np.mean(np.abs(control - leaked) ** 2, axis=0) / noise
-        found[name] = Answer(lines, 1.0 - 1.0 / np.maximum(ratio, 1.0), ratio, recording.runs)
+        coherence = 1.0 - 1.0 / np.maximum(ratio, 1.0)
+        loud = 1.0 + (LOUD - 1.0) / np.sqrt(recording.runs)  # a mean of runs scatters less
+        stand_out = int(np.count_nonzero(coherence > 1.0 - 1.0 / loud))
+        found[name] = Answer(stand_out, float(np.median(coherence)))
     return found
 
 

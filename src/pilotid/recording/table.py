@@ -5,13 +5,13 @@ from __future__ import annotations
 import codecs
 import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from pilotid.recording.recording import is_unit
-from pilotid.recording.roles import Content, bare, chosen_by, matching, only, shown
+from pilotid.recording.roles import Content, bare, shown
 from pilotid.support.disk import require_file
 from pilotid.support.types import FloatArray, InputError
 
@@ -24,17 +24,13 @@ MORE = "..."  # behind the last name, where more columns follow than there are n
 Lines = list[tuple[int, str]]
 
 
-def read_table(path: Path, source: str, time: str, levels: Mapping[str, str]) -> Content:
+def read_table(path: Path, source: str) -> Content:
     """What a text file and its sidecar hold.
 
     Parameters
     ----------
     path, source
         The file, and its name in messages.
-    time
-        What the time is called.
-    levels
-        Cells by column of the rows that are wanted.
 
     Raises
     ------
@@ -46,7 +42,7 @@ def read_table(path: Path, source: str, time: str, levels: Mapping[str, str]) ->
     require_file(path, LARGEST_FILE)
     text, rows, number = _text(path, source), list[list[str]](), 1
     try:
-        body, comments, separator = _layout(text)
+        body, separator = _layout(text)
         while len(body) > 1 and not body[-1][1].strip(f"{separator} \t"):
             del body[-1]
         for number, line in body:  # noqa: B007  (the message names it)
@@ -74,20 +70,14 @@ def read_table(path: Path, source: str, time: str, levels: Mapping[str, str]) ->
                 "complete or remove that line, or separate cells by semicolons if decimals have "
                 "commas"
             )
-    for name, level in levels.items():
-        place = header.index(only(name, header, where))
-        chosen = chosen_by([row[place] for row in rows], name, level, source)
-        numbers = [number for number, own in zip(numbers, chosen, strict=True) if own]
-        rows = [row for row, own in zip(rows, chosen, strict=True) if own]
     runs: dict[str, list[int]] = {}
     for n, row in enumerate(rows if RUN in header else ()):
         runs.setdefault(row[header.index(RUN)].strip(), []).append(n)
     lines = next(iter(runs.values()), range(len(rows)))
-    notes = read_sidecar(path, comments, timed=bool(matching(time, header)))
     return Content(
         families,
         {},
-        notes,
+        read_sidecar(path),
         lambda name, place: _column(name, [row[place] for row in rows], numbers, source),
         where,
         "column",
@@ -133,8 +123,8 @@ def _text(path: Path, source: str) -> str:
         ) from None
 
 
-def _layout(text: str) -> tuple[Lines, list[str], str]:
-    """The header and the rows, the comments, and the separator.
+def _layout(text: str) -> tuple[Lines, str]:
+    """The header and the rows, and the separator.
 
     Before the header there may be a line ``sep=;`` and lines that begin with # or %.  One of these
     is the header itself if numbers follow at once: the last with a name for each, or the one above
@@ -163,8 +153,7 @@ def _layout(text: str) -> tuple[Lines, list[str], str]:
             names = cells(header.removesuffix(MORE))
             header = separator.join([*names, *names[-1:] * (width - len(names))])
         body = [(number, header), *comments[start + 1 : end + 1], *body]
-        comments = comments[:start] + comments[end + 1 :]
-    return body or [(1, "")], [line for _, line in comments], separator or _separator(body[0][1])
+    return body or [(1, "")], separator or _separator(body[0][1])
 
 
 def _is_row(line: str) -> bool:

@@ -126,40 +126,19 @@ def _repeated(signals: FloatArray, delay: int) -> tuple[int, int]:
     return int(edges[2 * longest]), int(lengths[longest])
 
 
-def spanned(recording: Recording, start: float, end: float) -> Recording:
-    """A span of the window, see `Recording.cut`, and a note where it is short for its lines."""
-    part = recording.cut(start, end)
-    try:
-        whole = whole_periods(recording)
-        lines = [own[0] for own in forcing_lines(whole).values()]
-    except NotMultisineError:
-        return part
-    slowest = whole.duration / min(lines) if lines else 0.0
-    if part.duration >= slowest * (1.0 - 1e-9):
-        return part
-    note = Remark(
-        "short-span",
-        f"the span of {part.duration:.4g} s is shorter than one period of the slowest line of the "
-        f"forcing functions ({slowest:.4g} s): what pilots do that slowly is not known from it",
-    )
-    return replace(part, treatment=(*part.treatment, note))
-
-
 #: What stands between a file and the part of it that is meant.
 INSIDE = "::"
 
 
-def file_and_parts(path: str | os.PathLike[str]) -> tuple[Path, list[str]]:
-    """The file of a path such as ``F.mat::identification``, and the names of the part."""
-    whole = Path(path)
-    file, *parts = str(path).split(INSIDE)
-    named = file and parts and not os.path.exists(whole)
-    return (Path(file), parts) if named else (whole, [])
+def file_and_part(path: str | os.PathLike[str]) -> tuple[Path, str]:
+    """The file of a path such as ``F.mat::identification``, and the name of the part."""
+    file, _, part = str(path).partition(INSIDE)
+    return (Path(file), part) if file and part and not os.path.exists(path) else (Path(path), "")
 
 
 def file_of(path: str | os.PathLike[str]) -> Path:
     """The file of a path such as ``F.mat::identification``."""
-    return file_and_parts(path)[0]
+    return file_and_part(path)[0]
 
 
 def sidecar_path(path: Path) -> Path:
@@ -169,8 +148,8 @@ def sidecar_path(path: Path) -> Path:
 
 def stem_of(path: str | os.PathLike[str]) -> str:
     """The name of a recording: that of its file without the suffix, and of the part."""
-    file, parts = file_and_parts(path)
-    return INSIDE.join([file.stem, *parts])
+    file, part = file_and_part(path)
+    return f"{file.stem}{INSIDE}{part}" if part else file.stem
 
 
 def of_runs(recording: Recording, runs: Sequence[int], words: str) -> Recording:

@@ -1,4 +1,4 @@
-"""What was understood of a recording, what is wrong with it, and what methods can do."""
+"""What was understood of a recording, and what is wrong with it."""
 
 from __future__ import annotations
 
@@ -7,28 +7,14 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import Finding, copies_among, findings, fingerprints
-from pilotid.checks.understood import REST, understood
-from pilotid.choice import default_candidates, select
+from pilotid.checks.understood import understood
 from pilotid.element_fit import ElementChoice, chosen_element
-from pilotid.estimate.applicability import lines_objection, motionless_input
-from pilotid.likelihood.constancy import constancy_of
-from pilotid.methods import methods as every_method
-from pilotid.model.catalogue import MODELS
 from pilotid.model.element import ControlledElement
-from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.support.format import Line, Table, as_text, table
-from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.remarks import GRADES, Remark, codes_of, gravest_first, remarks_json, without
-from pilotid.support.types import InputError
-
-YES = "yes"
-MUCH_REST = 0.2  # share of the time from which a control rests is worth a line
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,14 +29,11 @@ class Checked:
         Its controlled element, and how it is known.
     remarks
         What is wrong with it, each with a ``code`` and a ``grade``, the sentence itself as text.
-    models
-        Those of which `methods` tells.
     """
 
     recording: Recording
     element: ElementChoice
     remarks: tuple[Remark, ...]
-    models: Sequence[PilotModel]
 
     @cached_property
     def understood(self) -> dict[str, Any]:
@@ -62,23 +45,6 @@ class Checked:
         """What the recorder did to the signals."""
         return list(findings(self.recording))
 
-    @cached_property
-    def constancy(self) -> dict[str, Any] | None:
-        """Whether the pilot is constant, the sentence as ``words``; None if nobody can tell."""
-        return _constancy(self.recording)
-
-    @cached_property
-    def methods(self) -> dict[str, dict[str, str]]:
-        """By model and method ``yes``, or why the method cannot fit the model."""
-        own, known = self.recording, every_method()
-        return {
-            m.name: {
-                name: motionless_input(own, m) or method.objection(own, m) or YES
-                for name, method in known.items()
-            }
-            for m in self.models
-        }
-
     def to_dict(self) -> dict[str, Any]:
         """Plain objects, in the form that `pilotid check --json` writes."""
         return {
@@ -87,11 +53,9 @@ class Checked:
                 **self.understood,
                 "recorder": [asdict(fault) for fault in self.recorder],
                 "element": _element(self.element),
-                "constancy": self.constancy,
             },
             "remarks": list(self.remarks),
             "codes": codes_of(self.remarks),
-            "methods": self.methods,
         }
 
     def blocks(self) -> list[str | Line | Table]:
@@ -101,8 +65,6 @@ class Checked:
         rows = [tuple(signal.values()) for signal in facts["signals"]]
         signals = table(rows, "", titles, dict.fromkeys(titles[4:], "{:.4g}".format))
         lines = [*_lines(facts), f"controlled element: {_element(self.element)}"]
-        if self.constancy:
-            lines.append(f"pilot: {self.constancy['words']}")
         lines += [f"recorder: {f.sentence}" for f in self.recorder if f.grade == "note"]
         return [
             Line(self.recording.description, "heading"),
@@ -110,7 +72,6 @@ class Checked:
             *lines,
             *(Line(remark.line("recording"), "warning") for remark in self.remarks),
             *([] if self.remarks else ["nothing is wrong with the signals"]),
-            *(_methods(name, able) for name, able in self.methods.items()),
         ]
 
     @property
@@ -131,7 +92,6 @@ class Checked:
 
 def check_all(
     recordings: Sequence[Recording],
-    models: Sequence[PilotModel],
     element: ControlledElement | None = None,
     ignored: Collection[str] = (),
 ) -> list[Checked]:
@@ -141,8 +101,6 @@ def check_all(
     ----------
     recordings
         The recordings.
-    models
-        Models of which is told what methods can do.
     element
         The controlled element, to compare with what is seen.
     ignored
@@ -155,7 +113,6 @@ def check_all(
             recording,
             choice,
             without((*copies.get(n, ()), *remarks(recording), *choice.remarks), ignored),
-            models,
         )
         for n, (recording, choice) in enumerate(zip(recordings, choices, strict=True))
     ]
@@ -171,41 +128,6 @@ def summary_of(every: Sequence[Checked]) -> str:
     )
     counts = [f"{code} ({grade}) {sum(code in own for own in told)}" for code, grade in kinds]
     return f"{words}: {', '.join(counts)}" if counts else words
-
-
-def _constancy(recording: Recording) -> dict[str, Any] | None:
-    """Whether gains and leads are constant, under the model that the recording speaks for.
-
-    None where no model has its inputs, or where the signals allow no fit.
-    """
-    able = [m for m in default_candidates(recording) if motionless_input(recording, m) is None]
-    if not able:
-        return None
-    try:
-        with np.errstate(all="ignore"):  # signals may be anything
-            # Without lines a choice takes long; of few models the larger one misses least.
-            quick = all(lines_objection(recording, m) is None for m in able)
-            large = "lead-lag-motion" if MODELS["lead-lag-motion"] in able else "lead-lag"
-            model = select(recording, able).model if quick else MODELS[large]
-            found = constancy_of(recording, model, fit_rng(DEFAULT_SEED, "constancy"))
-    except (InputError, np.linalg.LinAlgError):
-        return None
-    if found is None:
-        return None
-    p = "p < 0.001" if found.p < 0.001 else f"p = {found.p:.2g}"
-    what = f"{' and '.join(found.keys)} of the model {model.name}"
-    words = f"no sign that {what} change during the recording ({p})"
-    if found.p < ESTIMATE.changes:
-        words = (
-            f"{what} vary during the recording as people do, by less than a third ({found}; {p})"
-        )
-    if found.changes:
-        words = (
-            f"{what} change during the recording, most about t = {found.time:.0f} s ({found}; "
-            f"{p} under constant parameters). Fit the segments separately, or use the model "
-            "adapting"
-        )
-    return {**found.to_dict(), "model": model.name, "words": words}
 
 
 def _element(choice: ElementChoice) -> str:
@@ -226,11 +148,6 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         )
     else:
         lines.append("all of the window is scored: the run-in is long enough")
-    if facts["rest"] >= MUCH_REST:
-        lines.append(
-            f"u rests at one value for {REST:g} s and more in {100.0 * facts['rest']:.0f} % of the "
-            "time (stiction or breakout force?). Linear models will attribute this to remnant"
-        )
     return lines
 
 
@@ -249,16 +166,3 @@ def _forcing(forcing: dict[str, Any]) -> str:
             f"{forcing['coherence']:.2f} in the median)"
         )
     return words
-
-
-def _methods(model: str, answers: dict[str, str]) -> str:
-    """One line that says which methods can fit a model, and why others cannot."""
-    able = [label for label, answer in answers.items() if answer == YES]
-    text = f"model {model}: {', '.join(able) or 'no method'} can fit it"
-    reasons: dict[str, list[str]] = {}
-    for label, answer in answers.items():
-        if answer != YES:
-            reasons.setdefault(answer, []).append(label)
-    for reason, labels in reasons.items():
-        text += f"\n  not {', '.join(labels)}: {reason}"
-    return text

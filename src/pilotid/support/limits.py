@@ -20,12 +20,9 @@ class RecorderLimits(NamedTuple):
     lines: tuple[float, float] = (80.0, 60.0)  # dB, of a line over its surroundings (78, 69)
     goes_on: float = -15.0  # dB in half an octave: a fall begins where it gets as steep
     grid: float = 8.0  # mean difference over that of the smallest phase (5.6)
-    lattice: float = 1e-6  # step over rms; encoders have it, and nothing else
     coarse: float = 0.2  # step over rms from which rounding hides movements
     again: float = 1e-3  # of its rms, by which a forcing function differs when it begins again
-    flat: float = -8.0  # dB an octave at the top of the spectrum of e and x (-10.8)
     own: float = 3e-5  # rms of e - (ft - x) over that of e (1e-15); files of 5 decimals reach it
-    unanswered: float = 0.5  # share of x there that is no smooth answer to u + fd
     outlier: tuple[float, float] = (60.0, 5e-3)  # over the usual error, and over rms (3e-6)
     converter_steps: float = 10.0  # of a converter, that are no jump
     identity: float = 0.02  # of a sample, by which e and ft or x are apart (0)
@@ -57,21 +54,12 @@ class SignalLimits(NamedTuple):
     drift: float = 2.0  # of u over a run of 82 s, in standard deviations of what is left
     own_trend: float = 0.1  # share of a trend that the signals of the loop must leave to be told
     offset: float = 4.0  # standard errors of the mean of u (1.4)
-    #: Of a control that answers (without an answer 70 % are below; of usual populations the least
-    #: is 22, where 60 % of the control's power are remnant 3 % are below).
-    answered: float = 3.2
-    answered_from: float = 60.0  # s from which lines and remnant can be told apart
     identity: float = 0.01  # rms of e - (ft - x) over that of e (3e-6)
     shown: float = 0.5  # share of the target's fast lines that the error must show
     fastest_loop: float = 7.0  # rad/s; people cross over at 6 rad/s at most
     scaled: float = 0.02  # by which a factor between signals differs from 1 to be one of units
     same_factor: float = 0.01  # by which it may differ from line to line
     unlike_element: float = 1.3  # between the controlled elements of two runs (1.06)
-    unlike_size: float = 2.5  # of one run against the rest
-    unlike_scatters: float = 5.0  # the same in scatters of the rest, which is at least
-    least_scatter: float = 0.1
-    repeated: float = 0.5  # s of a signal that recur to the last digit
-    values: int = 20  # different values in such a stretch: rest and saturation do recur
     motionless_forcing: float = 0.01  # standard deviation over that of another signal
 
 
@@ -86,9 +74,7 @@ class ElementLimits(NamedTuple):
     changed: float = 0.35  # relative difference between the halves (.16; rate to acceleration 1.1)
     flat: float = 0.15  # relative, by which the response of an element that is a gain differs
     stands_out: float = 3.0  # times the noise from which a line tells the element's angle
-    late: float = 0.1  # s by which the control seems later than x (.02)
-    late_from: float = 60.0  # s below which delays cannot be told
-    smoother: float = 0.3  # by which the phase must be smoother then, of 1 at the most
+    late: float = 0.1  # s by which signals are apart from which their element is not believed
     #: Share of x [%] that an element must explain, and the relative error of its response where
     #: loops cross over, for loops to be drawn with it unasked.
     sound: float = 98.0
@@ -96,7 +82,6 @@ class ElementLimits(NamedTuple):
     slowest_zero: float = 0.5  # rad/s, of the right half-plane beside which people cross over
     fastest_pole: float = 8.0  # rad/s, of an element that people stabilise (Jex 1966: 6)
     sensitivity: float = 4.0  # largest, of a loop that people close
-    halves: float = 95.0  # share of x [%] that each half must explain by itself to say it changes
     #: rms of the relative difference of two responses from which they are different elements; a
     #: delay of a sample or two between the recorder's channels is less.
     different: float = 0.1
