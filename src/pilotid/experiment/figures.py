@@ -55,8 +55,7 @@ def estimates_figure(own: DataFrame) -> Figure | None:
 
 
 def _legend(figure: Figure, handles: Iterable[Any], labels: Iterable[str]) -> None:
-    place = {"loc": "outside lower center", "ncols": 7, "frameon": False}
-    figure.legend([*handles], [*labels], **place)
+    figure.legend([*handles], [*labels], loc="outside lower center", ncols=7, frameon=False)
 
 
 def _panel(axes: Axes, own: DataFrame, conditions: list[str], subjects: list[str]) -> None:
@@ -70,6 +69,7 @@ def _panel(axes: Axes, own: DataFrame, conditions: list[str], subjects: list[str
         reach = np.abs(own.loc[here, ["lower_95", "upper_95"]].sub(y, axis=0).fillna(0.0)).T
         colour, marker = COLOURS[count % 7], MARKERS[count // 7 % len(MARKERS)]
         axes.plot(x, y, color=colour, linewidth=0.5, alpha=0.5)
+        look: dict[str, Any]
         look = {"fmt": marker, "color": colour, "markersize": 3.0, "elinewidth": 0.9}
         axes.errorbar(x, y, reach, label=f"subject {subject}", **look)
     for at, values in own.groupby(place)["value"]:
@@ -115,6 +115,7 @@ def variances_figure(own: DataFrame) -> Figure | None:
                 parts = table.loc[f"var_{name}_{part}"].reindex(conditions)
                 axes.bar(conditions, parts["mean"], 0.7, bottom=top, color=colour, label=part)
                 top = top + parts["mean"].to_numpy()
+                look: dict[str, Any]
                 look = {"fmt": "none", "ecolor": INK, "elinewidth": 0.7, "capsize": 1.5}
                 axes.errorbar(conditions, top, _reach(parts), **look)
             unit = own.loc[own["parameter"] == f"var_{name}", "unit"].iloc[0]
