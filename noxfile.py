@@ -84,6 +84,7 @@ def check(session: nox.Session) -> None:
         "recorder": "recorder.py",
         "experiment": "experiment.py",
         "tasks": "tasks.py",
+        "reference": "reference.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:

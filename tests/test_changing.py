@@ -345,5 +345,5 @@ def test_a_search_that_does_not_look_at_other_times_ends_in_a_worse_optimum(
         return maximise_likelihood(recording, ADAPTING, rng, MLE()).criterion
 
     found = criterion()
-    monkeypatch.setattr("pilotid.likelihood.search._elsewhere", lambda optimum: optimum)
+    monkeypatch.setattr("pilotid.likelihood.search._with_change_elsewhere", lambda optimum: optimum)
     assert criterion() > found + 2.0

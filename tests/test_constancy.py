@@ -9,9 +9,16 @@ import pytest
 from helpers import NOMINAL, SINGLE_LOOP, recording_of
 
 from pilotid.datasets import SCENARIOS, Scenario
-from pilotid.likelihood.constancy import change_scores, changes, constancy_of, may_vary
+from pilotid.likelihood.constancy import (
+    PLACES,
+    changes,
+    constancy_of,
+    may_vary,
+    score_of_changes,
+)
 from pilotid.model.catalogue import ADAPTING, MULTI, SINGLE
 from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import chi_squared_limit, chi_squared_tail
 from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -35,61 +42,35 @@ def left(columns: FloatArray, y: FloatArray) -> float:
 
 def test_statistics_are_what_regressions_with_a_change_explain() -> None:
     rows = regression(np.random.default_rng(1), change=0.2)
-    places = np.array([0.3, 0.5])
-    scores = change_scores(rows, [0, 2], places)
-    assert scores is not None
     table, errors = rows[:-1].reshape(4, -1), rows[-1].ravel()
-    for place, statistic in zip(places, scores.statistics, strict=True):
+    for place, statistic, freedom, found in score_of_changes(rows, [0, 2], [0.3, 0.5]):
         after = np.tile(np.arange(150) >= place * 150, 2)
         more = np.concatenate([table, table[[0, 2]] * after])
         explained = errors @ errors - left(more, errors)
+        assert freedom == 2
         assert statistic == pytest.approx(explained / (errors @ errors / (errors.size - 4)))
-        if statistic == scores.statistics.max():
-            steps = np.linalg.lstsq(more.T, errors)[0][4:]
-            assert scores.steps == pytest.approx(steps)
+        assert found == pytest.approx(np.linalg.lstsq(more.T, errors)[0][4:])
 
 
-def test_draws_have_the_covariance_of_the_scores() -> None:
-    rng = np.random.default_rng(2)
-    rows = regression(rng)
-    scores = change_scores(rows, [1], np.array([0.4, 0.6]))
-    assert scores is not None
-    covariance = scores.factor @ scores.factor.T
-    assert np.diag(covariance) == pytest.approx(np.ones(2))
-    # What is left of both changes beside the Jacobian, correlated.
-    table = rows[:-1].reshape(4, -1)
-    after = [table[1] * np.tile(np.arange(150) >= place * 150, 2) for place in (0.4, 0.6)]
-    rest = [own - np.linalg.lstsq(table.T, own)[0] @ table for own in after]
-    correlation = rest[0] @ rest[1] / np.sqrt((rest[0] @ rest[0]) * (rest[1] @ rest[1]))
-    assert abs(covariance[0, 1]) == pytest.approx(correlation)
-    # Of one time alone chance is that of chi-squared.
-    alone = change_scores(rows, [1], np.array([0.5]))
-    assert alone is not None
-    assert alone.chance(rng) == pytest.approx(alone.bound, abs=0.02)
-
-
-def test_the_level_is_what_it_says_and_a_change_is_found() -> None:
-    rng = np.random.default_rng(3)
-    chances = []
-    for _ in range(400):
-        scores = change_scores(regression(rng), [0, 1])
-        assert scores is not None
-        chances.append(scores.chance(rng))
-    p = np.array(chances)
-    assert np.mean(p <= 0.05) == pytest.approx(0.05, abs=4.0 * np.sqrt(0.05 * 0.95 / 400))
-    assert np.mean(p) == pytest.approx(0.5, abs=4.0 / np.sqrt(12 * 400))
-    changed = change_scores(regression(rng, change=0.9), [0, 1])
-    assert changed is not None
-    assert changed.chance(rng) < 1e-6
-    assert abs(int(np.argmax(changed.statistics)) - 14) <= 2  # two thirds of the way
+def test_a_constant_pilot_gives_chi_squared_and_a_change_is_found() -> None:
+    rng = np.random.default_rng(5)
+    sound = [score_of_changes(regression(rng), range(3), [0.5])[0].statistic for _ in range(400)]
+    # Chi-squared with 3 degrees of freedom has the mean 3 and the deviation 6^(1/2).
+    assert np.mean(sound) == pytest.approx(3.0, abs=4.0 * np.sqrt(6.0 / 400.0))
+    assert np.mean(np.array(sound) > chi_squared_limit(3, 0.05)) < 0.10
+    changed = score_of_changes(regression(rng, change=0.9), [0, 1], PLACES)
+    largest = max(changed, key=lambda change: change.statistic)
+    assert chi_squared_tail(2, largest.statistic) < 1e-6
+    assert largest.place == pytest.approx(2.0 / 3.0, abs=0.1)
+    assert largest.steps[1] == pytest.approx(0.9, abs=0.3)
 
 
 def test_nothing_is_told_of_parameters_that_cannot_be_told_apart() -> None:
     rows = regression(np.random.default_rng(4))
     rows[1] = rows[0]
-    assert change_scores(rows, [0, 1]) is None
+    assert score_of_changes(rows, [0, 1], PLACES) == []
     rows[1] = 0.0
-    assert change_scores(rows, [0, 1]) is None
+    assert score_of_changes(rows, [0, 1], PLACES) == []
 
 
 def test_gains_and_leads_may_vary() -> None:

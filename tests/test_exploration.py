@@ -28,12 +28,12 @@ from pilotid.likelihood.remnant_models import (
 from pilotid.likelihood.search import (
     edge_information,
     first_fit,
+    group_by_optimum,
     lines_pilot,
     maxima_from,
     maximise_likelihood,
     optima,
     sweep,
-    together,
 )
 from pilotid.likelihood.settings import BARTLETT_SECONDS, MAX_EDGE_INFORMATION
 from pilotid.methods.mle import MLE
@@ -121,8 +121,8 @@ def test_optima_are_told_apart_by_the_information() -> None:
     kept, agreeing = optima(ends, samples=100, far=10.0)
     np.testing.assert_array_equal(kept, [[0.0, 0.0], [0.0, 3.0]])  # the last is too far
     assert agreeing == 2
-    assert together(ends, samples=100) == [[0, 1], [2], [3]]
-    assert together(ends.only(np.array([2, 1, 0])), samples=100) == [[0], [1, 2]]
+    assert group_by_optimum(ends, samples=100) == [[0, 1], [2], [3]]
+    assert group_by_optimum(ends.only(np.array([2, 1, 0])), samples=100) == [[0], [1, 2]]
     many = minima_at(np.arange(20.0)[:, None] * 9.0, np.ones(20))
     assert len(optima(many, samples=100, far=1.0)[0]) == 5
 
@@ -189,7 +189,7 @@ def test_every_start_is_judged_in_one_band(seed: int) -> None:
     assert near.joint.band == far.joint.band
 
 
-def test_the_band_is_wider_where_the_loop_answers_at_once() -> None:
+def test_the_band_is_wider_where_the_loop_gain_is_flat_above_band() -> None:
     wide = fit_of(MLE(), replace(position_pilot(), dt=0.01))
     usual = fit_of(MLE(), NOMINAL)
     assert wide.remnant is not None

@@ -63,13 +63,13 @@ def own_modules(path: Path) -> set[str]:
     return found
 
 
-def room(module: str) -> str:
-    """The row of the map in CONTRIBUTING.md that a module belongs to."""
+def package_of(module: str) -> str:
+    """The package, or the module at the top, that a module belongs to."""
     parts = module.split(".")
     return parts[1] if len(parts) > 1 else "pilotid"
 
 
-def house() -> list[str]:
+def packages_in_order() -> list[str]:
     """Packages from the bottom to the top, read from the map in CONTRIBUTING.md."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     table = text.split("## The map\n")[1].split("\n## ")[0]
@@ -77,12 +77,14 @@ def house() -> list[str]:
     return [name for row in rows for name in re.findall(r"`([a-z_]+)`", row)]
 
 
-HOUSE = house()
+ORDER = packages_in_order()
+#: Levels of packages, and pairs of which one imports the other.
+LEVELS, ARROWS_AT_MOST = 14, 153
 
 
-def test_the_map_shows_every_room() -> None:
-    rooms = {room(name) for name in MODULES} - {"pilotid"}
-    assert set(HOUSE) - {"pilotid"} == rooms
+def test_the_map_shows_every_package() -> None:
+    packages_there = {package_of(name) for name in MODULES} - {"pilotid"}
+    assert set(ORDER) - {"pilotid"} == packages_there
     listed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     packages = {name for name, path in MODULES.items() if path.stem == "__init__"}
     assert set(listed["tool"]["setuptools"]["packages"]) == packages
@@ -95,13 +97,31 @@ ARROWS = {
 }
 
 
-def test_no_arrow_runs_against_the_order_of_the_house() -> None:
+def test_no_arrow_runs_against_the_order_of_the_map() -> None:
     wrong = []
     for module, used in sorted(ARROWS.items()):
-        here = room(module)
-        allowed = {*HOUSE[: HOUSE.index(here)], here}
-        wrong += [f"{module} imports {name}" for name in sorted(used) if room(name) not in allowed]
+        here = package_of(module)
+        allowed = {*ORDER[: ORDER.index(here)], here}
+        wrong += [
+            f"{module} imports {name}" for name in sorted(used) if package_of(name) not in allowed
+        ]
     assert not wrong, "the map in CONTRIBUTING.md forbids: " + "; ".join(wrong)
+
+
+def test_packages_have_few_levels_and_arrows() -> None:
+    between = {
+        (package_of(name), package_of(used))
+        for name, every in ARROWS.items()
+        for used in every
+        if package_of(used) != package_of(name)
+    }
+    levels: dict[str, int] = {}
+    for package in ORDER:
+        below = [levels[used] for name, used in between if name == package and used in levels]
+        levels[package] = 1 + max(below, default=0)
+    print(f"{max(levels.values())} levels, {len(between)} arrows between packages")
+    assert max(levels.values()) <= LEVELS
+    assert len(between) <= ARROWS_AT_MOST
 
 
 def test_no_module_imports_itself_in_a_circle() -> None:
@@ -109,8 +129,8 @@ def test_no_module_imports_itself_in_a_circle() -> None:
 
 
 def test_methods_do_not_import_one_another() -> None:
-    methods = {m for m in MODULES if room(m) == "methods" and m != "pilotid.methods"}
-    wrong = [f"{m} imports {n}" for m in methods for n in ARROWS[m] if room(n) == "methods"]
+    methods = {m for m in MODULES if package_of(m) == "methods" and m != "pilotid.methods"}
+    wrong = [f"{m} imports {n}" for m in methods for n in ARROWS[m] if package_of(n) == "methods"]
     assert not wrong, "; ".join(sorted(wrong))
 
 

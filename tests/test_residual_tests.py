@@ -16,7 +16,6 @@ from pilotid.likelihood.diagnostics import (
     drift_left,
     portmanteau,
     ratio_of_halves,
-    score_of_halves,
 )
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.likelihood.search import maximise_likelihood
@@ -25,7 +24,6 @@ from pilotid.recording.recording import Recording
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.remarks import codes_of
-from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 
@@ -44,37 +42,6 @@ def test_the_ratio_of_halves_by_hand() -> None:
     ratio, deviations = ratio_of_halves(errors)
     assert ratio == 4.0
     assert deviations == pytest.approx(np.log(4.0) / np.sqrt(2.25 / 2.5**2))
-
-
-def regression(rng: np.random.Generator, *, change: float = 0.0) -> FloatArray:
-    """Jacobian and residual of a straight regression, which may change half-way."""
-    jacobian = rng.normal(size=(5, 2, 150)).cumsum(axis=2)
-    jacobian[1] = 50.0 * (jacobian[0] + 0.1 * jacobian[1])  # hard to tell apart, of other units
-    y = rng.normal(size=(2, 150))
-    y[:, 75:] += change * jacobian[2, :, 75:]
-    table = jacobian.reshape(5, -1)
-    found = np.linalg.lstsq(table.T, y.ravel())[0]
-    errors = (y.ravel() - found @ table).reshape(1, 2, 150)
-    return np.concatenate([jacobian, errors])
-
-
-def test_the_score_of_halves_is_what_chance_says_and_finds_a_change() -> None:
-    rng = np.random.default_rng(5)
-    found = np.array([score_of_halves(regression(rng), 3)[0] for _ in range(400)])
-    # Chi-squared with 3 degrees of freedom has the mean 3 and the deviation 6^(1/2).
-    assert np.mean(found) == pytest.approx(3.0, abs=4.0 * np.sqrt(6.0 / 400.0))
-    assert np.mean(found > chi_squared_limit(3, 0.05)) < 0.10
-    changed = [score_of_halves(regression(rng, change=0.3), 3) for _ in range(20)]
-    assert min(statistic for statistic, _, _ in changed) > chi_squared_limit(3, ESTIMATE.seldom)
-    assert np.mean([steps[2] for _, _, steps in changed]) == pytest.approx(-0.3, abs=0.02)
-
-
-def test_nothing_is_said_of_parameters_that_cannot_be_told_apart() -> None:
-    rows = regression(np.random.default_rng(6))
-    rows[1] = rows[0]
-    assert score_of_halves(rows, 3)[:2] == (0.0, 0)
-    rows[1] = 0.0
-    assert score_of_halves(rows, 3)[:2] == (0.0, 0)
 
 
 @pytest.mark.parametrize(("size", "seen"), [(0.0, False), (1.0, True)])

@@ -19,13 +19,13 @@ SECTIONS = {"Assumes": "What it assumes", "Use it": "When to use it", "Do not us
 SCENARIOS = (
     "nominal",
     "single",
+    "white-remnant",
+    "target-step",
     "population-usual",
     "population-recorded",
     "population-aperiodic",
     "population-short",
     "population-exotic",
-    "adapting-slow",
-    "adapting-fast",
 )
 
 

@@ -244,7 +244,7 @@ def by_likelihood(
         maxima.append(found)
     terms = tuple(sorted({term for found in maxima for term in found.joint.prediction.terms}))
     scored = min(found.joint.prediction.scored for found in maxima)
-    return [_judged(recording, _with_terms(found, terms), scored, seed) for found in maxima]
+    return [_judged(recording, _with_terms(found, terms), scored) for found in maxima]
 
 
 def _with_terms(found: Optimum, terms: tuple[float, ...]) -> Optimum:
@@ -253,10 +253,10 @@ def _with_terms(found: Optimum, terms: tuple[float, ...]) -> Optimum:
     if prediction.terms == terms:
         return found
     joint = Likelihood(replace(prediction, terms=terms), noise)
-    return replace(found, joint=joint).moved(found.values)
+    return replace(found, joint=joint).restarted_at(found.values)
 
 
-def _judged(recording: Recording, found: Optimum, scored: int, seed: int) -> Candidate:
+def _judged(recording: Recording, found: Optimum, scored: int) -> Candidate:
     """What an optimum says for its model by so many scored samples."""
     values, prediction = found.values, replace(found.joint.prediction, scored=scored)
     joint = Likelihood(prediction, found.joint.noise)
@@ -266,7 +266,7 @@ def _judged(recording: Recording, found: Optimum, scored: int, seed: int) -> Can
     parameters, samples = len(values) + 1, joint.residuals
     log_likelihood = joint.log_likelihood(values)
     penalty = 2.0 * parameters * samples / max(samples - parameters - 1.0, 1.0)
-    test = constancy(found, recording, fit_rng(seed, "constancy"))
+    test = constancy(found, recording)
     bounds = bounds_reached(model, pilot)
     return Candidate(
         model=model.name,

@@ -73,7 +73,7 @@ class Weighting:
         return np.asarray(np.interp(omega, self.omega, self.share, right=0.0))
 
     @property
-    def answers_at_once(self) -> bool:
+    def gain_is_flat_above_band(self) -> bool:
         """Whether the loop does not fall off above the band, and tells of the pilot there."""
         edge = TOP_SHARE * float(self.omega[-1])
         gain = np.abs(self.element.response(np.array([edge, 2.0 * edge])))
@@ -269,7 +269,7 @@ class BandTerms:
         by_pilot = loop[:, :-1] / -loop[:, -1:]
         return np.asarray(-2.0 * (by_pilot / loop[:, -1:]).real @ self.inside[: self.counting])
 
-    def closed(
+    def add_log_determinant(
         self,
         products: FloatArray,
         loop: ComplexArray,

@@ -5,8 +5,8 @@ some time would have made of the control.  The Jacobian by each, from that time 
 against them at the optimum of the constant model: a Lagrange multiplier test of a change at a
 known time, of whose statistics over many times the largest counts (Andrews, Econometrica 61(4),
 1993).  A constant pilot has no time of change, so that this is not chi-squared (Davies, Biometrika
-74(1), 1987); but the scores of all times are jointly normal with a covariance that the
-information tells, and draws from that say what chance gives.  No changing model is fitted.
+74(1), 1987): the p-value is that of one time, times the number of times, which is what chance
+gives at most (Bonferroni).  No changing model is fitted.
 
 A slower change is seen as a step in its middle.  One of the delay or of the neuromuscular system
 is seen as far as it looks like one of gain and lead, and so is what a wrong model leaves: the
@@ -17,8 +17,11 @@ only where that is certain and large.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,15 +31,13 @@ from pilotid.likelihood.settings import LikelihoodSettings
 from pilotid.model.factors import Polynomial
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.covariance import SINGULAR, covariance_of
+from pilotid.solve.covariance import covariance_of
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_tail
 from pilotid.support.types import FloatArray
 
 #: Shares of the scored time at which a change may be.
-PLACES = np.linspace(0.1, 0.9, 21)
-#: Draws of the largest statistic under a constant pilot.
-DRAWS = 4_000
+PLACES = np.linspace(0.1, 0.9, 21).tolist()
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class Constancy:
         By how much each key is larger after that time, as a share of its constant value; to
         first order.
     p
-        How often a constant pilot gives as much.
+        How often a constant pilot gives as much, at the most.
     """
 
     keys: tuple[str, ...]
@@ -85,74 +86,13 @@ class Constancy:
         return ", ".join(f"{key} by {100.0 * step:+.0f} %" for key, step in steps)
 
 
-@dataclass(frozen=True, eq=False)
-class Scores:
-    """Scores of changes at several times, whitened for each time.
-
-    Attributes
-    ----------
-    statistics
-        Chi-squared at each time, shape (times,).
-    whitener
-        By which the scores of each time become independent and of variance one, shape
-        (times, keys, keys).
-    across
-        Covariance of the scores of each time with those of constant parameters, shape
-        (times, keys, parameters).
-    own
-        Covariance of the scores of each time, were the constant parameters known, shape
-        (times, keys, keys).
-    inverse
-        Inverse of the information of the constant parameters.
-    steps
-        The changes that explain most at the time of the largest, shape (keys,).
-    """
-
-    statistics: FloatArray
-    whitener: FloatArray
-    across: FloatArray
-    own: FloatArray
-    inverse: FloatArray
-    steps: FloatArray
-
-    @property
-    def factor(self) -> FloatArray:
-        """A factor F of the scores' covariance F F', shape (times * keys, rank)."""
-        times = np.arange(len(self.statistics))
-        # What two changes have in common is what comes after the later one.
-        both = self.own[np.maximum.outer(times, times)].transpose(0, 2, 1, 3)
-        common = (self.across @ self.inverse).reshape(both.shape[0] * both.shape[1], -1)
-        flat = self.across.reshape(common.shape)
-        every = both - (common @ flat.T).reshape(both.shape)
-        whitened = np.einsum("kia,kilj,ljb->kalb", self.whitener, every, self.whitener)
-        eigenvalues, vectors = np.linalg.eigh(whitened.reshape(len(flat), -1))
-        kept = eigenvalues > 1e-9 * eigenvalues[-1]
-        return np.asarray(vectors[:, kept] * np.sqrt(eigenvalues[kept]))
-
-    @property
-    def bound(self) -> float:
-        """What the chance of so large a statistic is at most, each time counted by itself."""
-        tail = chi_squared_tail(self.steps.size, float(self.statistics.max()))
-        return min(1.0, len(self.statistics) * tail)
-
-    def chance(self, rng: np.random.Generator) -> float:
-        """How often a constant pilot gives so large a statistic; `rng` draws what chance gives."""
-        factor = self.factor
-        drawn = rng.standard_normal((DRAWS, factor.shape[1])) @ factor.T
-        squares = np.sum(drawn.reshape(DRAWS, len(self.statistics), -1) ** 2, axis=2)
-        beyond = int(np.count_nonzero(squares.max(axis=1) >= self.statistics.max()))
-        return min((beyond + 1.0) / (DRAWS + 1.0), self.bound)
-
-
 def changes(p: float, size: float) -> bool:
     """Whether a pilot is said to change, by the chance and the largest share of a change."""
     return p < ESTIMATE.changes and size >= ESTIMATE.changes_by
 
 
-def constancy(
-    found: Optimum, recording: Recording, rng: np.random.Generator | None = None
-) -> Constancy | None:
-    """Test whether gains and leads are constant.
+def constancy(found: Optimum, recording: Recording) -> Constancy | None:
+    """The test for gains and leads that change.
 
     Parameters
     ----------
@@ -160,8 +100,6 @@ def constancy(
         The optimum of a constant model.
     recording
         What was fitted.
-    rng
-        Draws what chance gives; None to say what it gives at most.
 
     Returns
     -------
@@ -170,17 +108,18 @@ def constancy(
     """
     prediction = found.joint.prediction
     varying = may_vary(prediction.model)
-    scores = change_scores(found.tested_rows, varying) if varying else None
-    if scores is None:
+    changes = score_of_changes(found.tested_rows, varying, PLACES) if varying else []
+    if not changes:
         return None
-    best = int(np.argmax(scores.statistics))
+    best = max(changes, key=lambda change: change.statistic)
+    tail = chi_squared_tail(best.freedom, best.statistic)
     unscored = max(0.0, recording.lead_in - recording.run_in * recording.dt)
     return Constancy(
         keys=tuple(prediction.model.keys[i] for i in varying),
-        statistic=float(scores.statistics[best]),
-        steps=tuple((scores.steps / found.pilot[varying]).tolist()),
-        time=unscored + float(PLACES[best]) * prediction.scored * prediction.dt,
-        p=scores.bound if rng is None else scores.chance(rng),
+        statistic=best.statistic,
+        steps=tuple((best.steps / found.pilot[varying]).tolist()),
+        time=unscored + best.place * prediction.scored * prediction.dt,
+        p=min(1.0, len(changes) * tail),
     )
 
 
@@ -194,7 +133,7 @@ def constancy_of(
     recording, model
         What is fitted.
     rng
-        Draws the random starts, and what chance gives.
+        Draws the random starts.
     """
     settings = LikelihoodSettings(wide=())
     known = lines_pilot(recording, model, rng)
@@ -202,7 +141,7 @@ def constancy_of(
         found = maximise_likelihood(recording, model, rng, settings)
     else:
         found = maxima_from(recording, model, settings, known)[0]
-    return constancy(found, recording, rng)
+    return constancy(found, recording)
 
 
 def may_vary(model: PilotModel) -> list[int]:
@@ -217,10 +156,32 @@ def may_vary(model: PilotModel) -> list[int]:
     return [] if model.changes else [i for i, key in enumerate(model.keys) if key in keys]
 
 
-def change_scores(
-    rows: FloatArray, varying: list[int], places: FloatArray = PLACES
-) -> Scores | None:
-    """Scores of changes in some parameters at several times.
+class Change(NamedTuple):
+    """The score test of a change at one time.
+
+    Attributes
+    ----------
+    place
+        The time, as a share of the samples.
+    statistic, freedom
+        Chi-squared with so many degrees of freedom under constant parameters.
+    steps
+        By how much each parameter that may change is larger from then on, to first order.
+    """
+
+    place: float
+    statistic: float
+    freedom: int
+    steps: FloatArray
+
+
+def score_of_changes(
+    rows: FloatArray, varying: Sequence[int], places: Sequence[float]
+) -> list[Change]:
+    """The score tests of changes in some parameters, one for each time.
+
+    The score after a time has the covariance I2 - I2 I^-1 I2, with I2 the information after it
+    and I that of the whole (Andrews, Econometrica 61(4), 1993).
 
     Parameters
     ----------
@@ -230,41 +191,42 @@ def change_scores(
     varying
         Which rows of the Jacobian are of parameters that may change.
     places
-        When they may, as shares of the samples, shape (times,).
+        When they may, as shares of the samples.
 
     Returns
     -------
-    Scores or None
-        None where the information is singular.
+    list of Change
+        Empty where the information is singular.
     """
-    power = np.einsum("irt,irt->i", rows, rows)
-    size = np.sqrt(power[:-1])
+    size = np.sqrt(np.einsum("irt,irt->i", rows[:-1], rows[:-1]))
     if not np.all(size > 0.0):
-        return None
+        return []
     scaled = rows / np.append(size, 1.0)[:, None, None]
     # Sums over the samples after each time are sums over the stretches between times.
-    after = np.floor(places * rows.shape[-1] + 0.5).astype(int)
-    ends = [*after, rows.shape[-1]]
+    samples = rows.shape[-1]
+    ends = [*(math.floor(place * samples + 0.5) for place in places), samples]
     stretches = [
         np.tensordot(scaled[varying, :, begin:end], scaled[..., begin:end], ((1, 2), (1, 2)))
         for begin, end in pairwise(ends)
     ]
     tails = np.cumsum(stretches[::-1], axis=0)[::-1]
-    jacobian = scaled[:-1].reshape(len(size), -1)
-    errors = scaled[-1].ravel()
+    jacobian, errors = scaled[:-1].reshape(len(size), -1), scaled[-1].ravel()
     inverse = covariance_of(jacobian @ jacobian.T, 1.0)
     if inverse is None:
-        return None
-    # What constant parameters, estimated along with it, make of a change is no sign of one.
-    across, own = tails[:, :, :-1], tails[:, :, varying]
-    score = tails[:, :, -1] - across @ (inverse @ (jacobian @ errors))
-    spread, directions = np.linalg.eigh(own - across @ inverse @ across.transpose(0, 2, 1))
-    if np.any(spread[:, 0] <= SINGULAR):
-        return None
-    whitener = directions / np.sqrt(spread)[:, None, :]
-    whitened = (score[:, None] @ whitener)[:, 0]
+        return []
     variance = float(errors @ errors) / (errors.size - len(size))
-    statistics = np.sum(whitened**2, axis=1) / variance
-    best = int(np.argmax(statistics))
-    steps = (whitener[best] @ whitened[best]) / size[varying]
-    return Scores(statistics, whitener, across, own, inverse, steps)
+    # In units of what the whole tells; what comes after a time alone, nothing can speak against.
+    root = np.linalg.cholesky(inverse[np.ix_(varying, varying)])
+    found = []
+    for place, tail in zip(places, tails, strict=True):
+        # What constant parameters, estimated along with it, make of a change is no sign of one.
+        across, own = tail[:, :-1], tail[:, varying]
+        score = tail[:, -1] - across @ (inverse @ (jacobian @ errors))
+        covariance = root.T @ (own - across @ inverse @ across.T) @ root
+        sizes, directions = np.linalg.eigh(0.5 * (covariance + covariance.T))
+        told = sizes > ESTIMATE.shared_by_halves
+        along = directions[:, told].T @ root.T @ score
+        statistic = float(np.sum(along**2 / sizes[told])) / variance
+        steps = root @ directions[:, told] @ (along / sizes[told]) / size[varying]
+        found.append(Change(place, statistic, along.size, steps))
+    return found

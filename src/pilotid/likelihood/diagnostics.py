@@ -17,7 +17,7 @@ from pilotid.checks.plant import element_changes, is_gain
 from pilotid.estimate.estimate import Estimate, is_at_bound
 from pilotid.estimate.parts import Specification
 from pilotid.likelihood.band_likelihood import BandTerms
-from pilotid.likelihood.constancy import constancy
+from pilotid.likelihood.constancy import constancy, score_of_changes
 from pilotid.likelihood.instruments import specification_by_instruments
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum
@@ -34,7 +34,6 @@ from pilotid.likelihood.settings import LikelihoodSettings
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
-from pilotid.solve.covariance import covariance_of
 from pilotid.spectral.equations import specification_of
 from pilotid.support.limits import ESTIMATE, RECORDER
 from pilotid.support.numbers import chi_squared_limit
@@ -340,8 +339,11 @@ def _varying(found: Optimum, recording: Recording) -> Remark | None:
 
 def _changed(found: Optimum) -> Remark | None:
     rows, pilot, model = found.tested_rows, found.pilot, found.joint.prediction.model
-    statistic, freedom, steps = score_of_halves(rows, pilot.size)
-    if not freedom or statistic <= chi_squared_limit(freedom, ESTIMATE.seldom):
+    halves = score_of_changes(rows, range(pilot.size), [0.5])
+    if not halves or not halves[0].freedom:
+        return None
+    _, statistic, freedom, steps = halves[0]
+    if statistic <= chi_squared_limit(freedom, ESTIMATE.seldom):
         return None
     # The control is proportional to the gains: with their slopes it is all that is predicted.
     gains = np.where(np.isin(np.arange(pilot.size), model.linear), pilot, 0.0)
@@ -449,52 +451,6 @@ def portmanteau_in_band(errors: FloatArray, weights: FloatArray, lags: int) -> t
     kept = size > ESTIMATE.independent * size[-1]
     along = directions[:, kept].T @ (cosines @ excess)
     return float(np.sum(along**2 / size[kept])), int(np.count_nonzero(kept))
-
-
-def score_of_halves(rows: FloatArray, pilot: int) -> tuple[float, int, FloatArray]:
-    """Whether the first half of a recording asks for other pilot parameters than the whole.
-
-    The score of the whole is zero at the optimum.  That of a half has the covariance
-    I1 - I1 I^-1 I1, with I1 and I the information of half and whole; weighted by it, its part
-    of the pilot is chi-squared with as many degrees of freedom as there are parameters (a
-    Lagrange multiplier test of a change at a known time; Andrews, Econometrica 61(4), 1993).
-
-    Parameters
-    ----------
-    rows
-        Jacobian by pilot and remnant, and last the prediction error, all whitened, shape
-        (parameters + 1, runs, samples).
-    pilot
-        Number of pilot parameters, which come first.
-
-    Returns
-    -------
-    The statistic and its degrees of freedom, 0 and 0 where the information is singular; and by
-    how much each parameter is larger in the first half, to first order, shape (pilot,).
-    """
-    jacobian, errors = rows[:-1], rows[-1]
-    half = errors.shape[1] // 2
-    size = np.sqrt(np.sum(jacobian**2, axis=(1, 2)))
-    if not np.all(size > 0.0):
-        return 0.0, 0, np.zeros(pilot)
-    jacobian = jacobian / size[:, None, None]
-    variance = float(np.sum(errors**2)) / (errors.size - len(jacobian))
-    early, flat = jacobian[..., :half].reshape(len(size), -1), jacobian.reshape(len(size), -1)
-    # The score of the whole is zero but for what a band's log-determinant adds to it, evenly.
-    score = early @ errors[:, :half].ravel() - (flat @ errors.ravel()) * (half / errors.shape[1])
-    first, whole = early @ early.T, flat @ flat.T
-    inverse = covariance_of(whole, 1.0)
-    if inverse is None:
-        return 0.0, 0, np.zeros(pilot)
-    # In units of what the whole tells; what one half tells alone, the other cannot speak against.
-    root = np.linalg.cholesky(inverse[:pilot, :pilot])
-    covariance = root.T @ (first - first @ inverse @ first)[:pilot, :pilot] @ root
-    sizes, directions = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    told = sizes > ESTIMATE.shared_by_halves
-    along = directions[:, told].T @ root.T @ score[:pilot]
-    statistic = float(np.sum(along**2 / sizes[told])) / variance
-    steps = root @ directions[:, told] @ (along / sizes[told]) / size[:pilot]
-    return statistic, along.size, np.asarray(steps)
 
 
 def ratio_of_halves(errors: FloatArray) -> tuple[float, float]:

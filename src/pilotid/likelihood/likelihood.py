@@ -102,7 +102,9 @@ class Likelihood(Problem):
             if self.terms is not None:
                 lasts += self.outside(values)[:, -1]
             found[:, -1] = found[:, :, -1] = lasts
-        return found if self.terms is None else self.terms.closed(found, *self._determined(values))
+        if self.terms is None:
+            return found
+        return self.terms.add_log_determinant(found, *self._determined(values))
 
     def squares(self, values: FloatArray) -> FloatArray:
         """Inner products of `rows`, in a band weighted and with those outside, of its squares."""

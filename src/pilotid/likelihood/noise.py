@@ -14,7 +14,7 @@ from operator import attrgetter
 import numpy as np
 
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.optimum import Candidates, Optimum, descended
+from pilotid.likelihood.optimum import Candidates, Optimum, descend
 from pilotid.likelihood.prediction import Prediction
 from pilotid.likelihood.prepare import Band
 from pilotid.likelihood.remnant_models import (
@@ -83,11 +83,11 @@ class RemnantChoice:
         self.iterations = 0
         self._fits: dict[NoiseModel, tuple[Optimum, float]] = {}
 
-    def look(self) -> Optimum:
+    def quick_fit(self) -> Optimum:
         """A first look: the model that suits what the pilot leaves, roughly fitted."""
         return self._moved(self._best_of(None, 1e-3))
 
-    def best(self, rounds: int) -> Optimum:
+    def full_fit(self, rounds: int) -> Optimum:
         """The best of all, as exactly as is needed to compare them.
 
         Its model is chosen anew as the pilot moves, in as many rounds at most.
@@ -101,7 +101,7 @@ class RemnantChoice:
         # Of many long autoregressions the first that suits depends on where the search came from.
         while others := [] if self.noise else neighbours(found.joint.noise):
             better = self._best_of(others, compared)
-            if abs(better.criterion - found.criterion + 0.1) < found.short:
+            if abs(better.criterion - found.criterion + 0.1) < found.remaining_decrease:
                 found, better = (self._to(fit, REPORTED_TOLERANCE) for fit in (found, better))
             if not better.criterion < found.criterion - 0.1:
                 break
@@ -121,7 +121,7 @@ class RemnantChoice:
         every = contenders(*suited) if models is None else guesses(*suited, models)
         fits = [self._fitted(guess, tolerance) for guess in every]
         best = min(fits, key=_criterion)
-        near = [fit for fit in fits if not fit.criterion > best.criterion + best.short]
+        near = [fit for fit in fits if not fit.criterion > best.criterion + best.remaining_decrease]
         if tolerance > COMPARED_TOLERANCE or len(near) == 1:
             return best
         return min((self._to(fit, REPORTED_TOLERANCE) for fit in near), key=_criterion)
@@ -133,7 +133,7 @@ class RemnantChoice:
         joint = Likelihood(self.prediction, guess.model, adjoint=self.prediction.is_large)
         pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
         starts = np.array([np.concatenate([pilot, guess.values]) for pilot in pilots])
-        fit = Optimum(joint, descended(joint, starts, tolerance), check=self.check)
+        fit = Optimum(joint, descend(joint, starts, tolerance), check=self.check)
         return self._kept(fit, tolerance)
 
     def _to(self, fit: Optimum, tolerance: float) -> Optimum:

@@ -140,7 +140,7 @@ class Optimum:
         return criterion(joint.noise, power, joint.residuals, joint.pilot) + penalty
 
     @property
-    def short(self) -> float:
+    def remaining_decrease(self) -> float:
         """Possible further decrease of the criterion of a fit that is only compared."""
         return 10.0 * COMPARED_TOLERANCE * self.joint.residuals
 
@@ -256,22 +256,22 @@ class Optimum:
         return Likelihood(prediction, self.joint.noise, adjoint=prediction.is_large)
 
     def refined(self, tolerance: float = REPORTED_TOLERANCE) -> Optimum:
-        """The same to another tolerance, or to that of what is compared as in `descended`."""
+        """The same to another tolerance, or to that of what is compared as in `descend`."""
         joint, start = self.joint, self.end.only([0])
         if tolerance < COMPARED_TOLERANCE and joint.adjoint:
             joint = Likelihood(joint.prediction, joint.noise)
-            end = descended(joint, start.values, tolerance)
+            end = descend(joint, start.values, tolerance)
         else:
-            end = descended(joint, start, tolerance)
+            end = descend(joint, start, tolerance)
         return replace(self, joint=joint, end=end, iterations=self.iterations + end.iterations)
 
-    def moved(self, start: FloatArray) -> Optimum:
+    def restarted_at(self, start: FloatArray) -> Optimum:
         """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
-        end = descended(self.joint, start[None])
+        end = descend(self.joint, start[None])
         return replace(self, end=end, iterations=self.iterations + end.iterations)
 
 
-def descended(
+def descend(
     joint: Likelihood, starts: FloatArray | Minima, tolerance: float = REPORTED_TOLERANCE
 ) -> Minima:
     """The best optimum that starts lead to, as in `minimise`, to a tolerance.

@@ -55,7 +55,7 @@ def profile_likelihood(found: Optimum) -> tuple[Optimum, Profile | None]:
     for _ in range(3):
         if profile is None or profile.better is None:
             break
-        moved = found.moved(profile.better)
+        moved = found.restarted_at(profile.better)
         if found.is_pilot and not moved.is_pilot:
             break
         found = moved

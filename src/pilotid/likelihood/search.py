@@ -72,17 +72,18 @@ def maximise_likelihood(
     # The lines' pilot rests on no model of the remnant.
     pilots = [*candidates, *([] if lines is None else lines)]
     choices = [RemnantChoice(prediction, pilot, settings.noise, check) for pilot in pilots]
-    best, competing = _best_and_competing([each.best(settings.rounds) for each in _likely(choices)])
+    fits = [choice.full_fit(settings.rounds) for choice in _likely(choices)]
+    best, competing = _best_and_competing(fits)
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
     for _ in range(4):
         before, terms = terms, whole.noticeable_terms(best.pilot, best.whitener)
         if len(terms) == len(before) and np.allclose(terms, before, rtol=0.1):
             break
         best = optimum_near(replace(whole, terms=terms), best.pilot, settings, check)
-    best = _elsewhere(best)
+    best = _with_change_elsewhere(best)
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
-        best = best.moved(np.concatenate([ordered, best.values[len(ordered) :]]))
+        best = best.restarted_at(np.concatenate([ordered, best.values[len(ordered) :]]))
     return replace(best, starts=starts, lines_pilot=lines, competing=competing)
 
 
@@ -159,7 +160,7 @@ def first_fit(
             )
             pilots = np.concatenate([ends.distinct(), *([] if known is None else [known])])
         joint = Likelihood(prediction, settings.noise or FIRST_NOISE_MODEL)
-        first = Optimum(joint, own_remnants(joint, pilots))
+        first = Optimum(joint, with_remnants(joint, pilots))
         if wide_enough(first):
             break
     return first
@@ -170,8 +171,8 @@ def _whitened(prediction: Prediction, whitener: Whitener) -> Likelihood:
     return Likelihood(replace(prediction, weighting=None), whitener)
 
 
-def own_remnants(joint: Likelihood, pilots: FloatArray) -> Minima:
-    """Each pilot with the remnant that it leaves, both estimated together on binned spectra."""
+def with_remnants(joint: Likelihood, pilots: FloatArray) -> Minima:
+    """Each pilot with the remnant that it leaves, estimated together on binned spectra."""
     residuals = [joint.prediction.errors(pilot) for pilot in pilots]
     guesses = [guess_parameters(joint.noise, residual, joint.band) for residual in residuals]
     starts = np.hstack([pilots, guesses])
@@ -199,7 +200,7 @@ def wide_enough(first: Optimum) -> bool:
     above it nothing is biased, and information is lost.
     """
     prediction = first.joint.prediction
-    biased = prediction.weighting is None or prediction.weighting.answers_at_once
+    biased = prediction.weighting is None or prediction.weighting.gain_is_flat_above_band
     most = MAX_EDGE_INFORMATION if biased else MAX_LOST_INFORMATION
     return edge_information(prediction, first.pilot, first.whitener) <= most
 
@@ -262,7 +263,7 @@ def sweep(
     starts = np.concatenate([first.pilot[None], near, starts])
     rough = minimise(whitened.gram, starts, model, tolerance=1e-3, iterations=8)
     # What is far behind by then is given up, and of starts that met one goes on for all.
-    met = together(rough, samples)[:9]
+    met = group_by_optimum(rough, samples)[:9]
     on = rough.values[[group[0] for group in met]]
     ends = minimise(whitened.gram, on, model, tolerance=1e-3, iterations=16, sort=False)
     sizes = np.array([len(group) for group in met])
@@ -272,7 +273,7 @@ def sweep(
     candidates, agreeing = optima(passed, samples, far=1000.0)
     candidates = np.concatenate([candidates, near])
     if len(candidates) > 1:
-        own = own_remnants(first.joint, candidates)
+        own = with_remnants(first.joint, candidates)
         own = own.only(check.which(own))
         # Binned spectra missed 170 in deviance once (populations).
         candidates = optima(own, samples, far=300.0)[0][:, : first.joint.pilot]
@@ -296,11 +297,11 @@ def _starts(
             for value in (low[index], *between, high[index]):
                 moved.append(best.copy())
                 moved[-1][index] = value
-    moved += model.elsewhere(best)
+    moved += model.changes_elsewhere(best)
     return np.array([*moved, *draw_starts(model, rng, count), model.start])
 
 
-def together(ends: Minima, samples: int) -> list[list[int]]:
+def group_by_optimum(ends: Minima, samples: int) -> list[list[int]]:
     """Which ends are in one optimum, the best one's first; `ends`, `samples` as in `optima`."""
     return clusters(
         range(len(ends.values)),
@@ -343,7 +344,7 @@ def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
         Optima are left out whose deviance exceeds the lowest by more.
     """
     near = ends.only(ends.cost <= ends.cost[0] * np.exp(far / samples))
-    groups = together(near, samples)
+    groups = group_by_optimum(near, samples)
     return near.values[[group[0] for group in groups[:5]]], len(groups[0]) if groups else 0
 
 
@@ -369,14 +370,15 @@ def optimum_near(
     check
         Which parameters simulate the control.
     """
-    return RemnantChoice(prediction, pilot, settings.noise, check).best(settings.rounds).refined()
+    choice = RemnantChoice(prediction, pilot, settings.noise, check)
+    return choice.full_fit(settings.rounds).refined()
 
 
 def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     """Candidates whose criterion is low on a first look, one of each optimum, best first."""
     if len(choices) == 1:
         return choices
-    firsts = [choice.look() for choice in choices]
+    firsts = [choice.quick_fit() for choice in choices]
     reached = np.array([first.criterion for first in firsts])
     kept = np.array([first.is_pilot for first in firsts])
     if kept.any():
@@ -405,12 +407,12 @@ def _best_and_competing(tried: Sequence[Optimum]) -> tuple[Optimum, list[FloatAr
     return best, competing
 
 
-def _elsewhere(found: Optimum) -> Optimum:
+def _with_change_elsewhere(found: Optimum) -> Optimum:
     """The optimum, or a better one where a change in time lies elsewhere."""
     joint, remnant = found.joint, found.values[found.joint.pilot :]
-    others = joint.prediction.model.elsewhere(found.pilot)
+    others = joint.prediction.model.changes_elsewhere(found.pilot)
     if not others:
         return found
     starts = np.array([np.concatenate([other, remnant]) for other in others])
     ends = minimise(joint.gram, starts, joint, tolerance=1e-4, iterations=20)
-    return found.moved(ends.values[0]) if ends.cost[0] < found.end.cost[0] else found
+    return found.restarted_at(ends.values[0]) if ends.cost[0] < found.end.cost[0] else found

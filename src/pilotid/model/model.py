@@ -424,7 +424,7 @@ class PilotModel:
         """Indices of middle and rate of the change; empty for a constant pilot."""
         return self._indices((TIME, RATE)) if self.changes else ()
 
-    def elsewhere(self, values: FloatArray) -> list[FloatArray]:
+    def changes_elsewhere(self, values: FloatArray) -> list[FloatArray]:
         """Parameters with the change at other times nearby, as a step; none of a constant pilot.
 
         How well a step at some time suits depends on what the input happened to do then, so that
