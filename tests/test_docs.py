@@ -143,7 +143,7 @@ def test_the_pipeline_is_where_its_page_says() -> None:
         for name in re.findall(r"`(\w+)`", names):
             assert re.search(rf"(?m)^(def|class) {name}\b", code), f"{file}: no {name}"
     drawn = {"prepare", "prediction", "band_likelihood", "likelihood", "search", "profile"}
-    assert drawn <= {file[12:-3] for file, _ in rows}
+    assert drawn <= {Path(file).stem for file, _ in rows}
     assert drawn <= set(re.findall(r"\w+", text.split("```")[1]))
     for file in re.findall(r"`((?:solve|spectral|time_domain)/\w+\.py)`", text):
         assert (ROOT / "src/pilotid" / file).exists(), file
