@@ -11,11 +11,7 @@ from helpers import NOMINAL, SINGLE_LOOP, Run, fit_of, monte_carlo, recording_of
 
 from pilotid.datasets import Scenario
 from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
-from pilotid.estimate.loops import (
-    loops_of,
-    margin_slopes,
-    sampled_loops,
-)
+from pilotid.estimate.loops import margin_slopes, sampled_loops
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
@@ -81,7 +77,7 @@ def test_a_pilot_of_the_target_alone_has_no_disturbance_loop() -> None:
 def test_quantities_have_keys_units_and_the_margins_of_the_values() -> None:
     element = NOMINAL.element
     estimate = fit_of(MLE(), NOMINAL)
-    quantities = loops_of(estimate, element).quantities
+    quantities = estimate.loops(element).quantities
     assert [(q.key, q.unit) for q in quantities] == [
         ("target_crossover", "rad/s"),
         ("target_phase_margin", "deg"),
@@ -99,23 +95,22 @@ def test_quantities_have_keys_units_and_the_margins_of_the_values() -> None:
 
 def test_the_effective_delay_is_that_of_the_crossover_model_with_its_error() -> None:
     scenario, errors = SINGLE_LOOP, 0.02 * SINGLE_LOOP.values
-    loop = loops_of(estimate_of(scenario.values, errors), scenario.element).target
+    loop = estimate_of(scenario.values, errors).loops(scenario.element).target
     wc, margin_of, late = loop.crossover.value, loop.phase_margin.value, loop.effective_delay
     model = np.exp(-1j * wc * late.value) / 1j
     assert np.degrees(np.angle(model)) + 180.0 == pytest.approx(margin_of)
     own = sampled_loops(
         scenario.model, scenario.values, gaussian(scenario.values, errors), scenario.element
     )[0]
-    delays = np.radians(90.0 - own.phase_margin) / own.crossover
-    assert own.loop.effective_delay.value == pytest.approx(np.mean(delays))
-    assert late.std_error == pytest.approx(delays.std(), rel=0.15)
+    assert own.effective_delay.value == pytest.approx(late.value, rel=0.02)
+    assert late.std_error == pytest.approx(own.effective_delay.std_error, rel=0.15)
 
 
 @pytest.mark.long
 def test_an_estimate_makes_loops_and_transfer_functions_and_draws_them() -> None:
     own = estimate_of(RESONANT, ERRORS)
     named = [q.value for q in own.loops("15/s^2").quantities]
-    assert named == [q.value for q in loops_of(own, double_integrator(15.0)).quantities]
+    assert named == [q.value for q in own.loops(double_integrator(15.0)).quantities]
     above, _ = open_loop(own, "15/s^2")
     drawn, _ = open_loop(own, double_integrator(15.0))
     lines = [axes.get_lines()[-2].get_ydata() for axes in (above, drawn)]
@@ -130,7 +125,7 @@ def test_an_estimate_makes_loops_and_transfer_functions_and_draws_them() -> None
 def test_claimed_errors_are_the_scatter_over_replications() -> None:
     count = 100
     fits = monte_carlo(MLE(), SINGLE_LOOP, count)
-    found = [loops_of(fit, SINGLE_LOOP.element).quantities[:2] for fit in fits]
+    found = [fit.loops(SINGLE_LOOP.element).quantities[:2] for fit in fits]
     target, _ = margins(SINGLE, SINGLE_LOOP.values, SINGLE_LOOP.element)
     for i, truth in enumerate((target.crossover, target.phase_margin)):
         values = np.array([pair[i].value for pair in found])
@@ -149,12 +144,10 @@ def test_errors_over_draws_are_those_to_first_order(scenario: Scenario) -> None:
     ratios = []
     true = LowPass(2)  # a band-pass that chance prefers has a corner for draws to spread over
     for replication in range(3):
-        first = loops_of(
-            fit_of(MLE(noise=true), scenario, replication), scenario.element
-        ).quantities
-        drawn = loops_of(
-            fit_of(Bayes(noise=true), scenario, replication), scenario.element
-        ).quantities
+        first, drawn = (
+            fit_of(method, scenario, replication).loops(scenario.element).quantities
+            for method in (MLE(noise=true), Bayes(noise=true))
+        )
         ratios.append([b.std_error / a.std_error for a, b in zip(first, drawn, strict=True)])
         for a, b in zip(first, drawn, strict=True):
             assert abs(a.value - b.value) < 0.5 * a.std_error, a.key
@@ -174,16 +167,15 @@ def test_draws_keep_to_the_estimate_s_crossing() -> None:
     counts = {len(margins(SINGLE, own, element)[0].others) for own in sets[:100]}
     assert counts == {0, 1}
     (target, _) = sampled_loops(SINGLE, RESONANT, sets, element)
-    assert target.crossover.size == len(sets)
-    assert target.loop.remark == ""
-    assert np.abs(target.crossover / at.crossover - 1.0).max() < 0.25
+    assert target.remark == ""
+    assert np.abs(np.array(target.crossover.interval) / at.crossover - 1.0).max() < 0.25
     # To first order the same.
     errors = ERRORS * np.array([1.0, 1.0, 1.0, 1.0, 3.0])
-    crossover, phase_margin = loops_of(estimate_of(RESONANT, errors), element).quantities[:2]
-    assert crossover.std_error == pytest.approx(target.crossover.std(), rel=0.2)
-    assert phase_margin.std_error == pytest.approx(target.phase_margin.std(), rel=0.2)
+    crossover, phase_margin = estimate_of(RESONANT, errors).loops(element).quantities[:2]
+    assert crossover.std_error == pytest.approx(target.crossover.std_error, rel=0.2)
+    assert phase_margin.std_error == pytest.approx(target.phase_margin.std_error, rel=0.2)
     assert phase_margin.std_error < 10.0
-    loop = loops_of(estimate_of(RESONANT, ERRORS), element).target
+    loop = estimate_of(RESONANT, ERRORS).loops(element).target
     assert loop.notes == [f"the target loop falls through one again at {at.others[0]:.3g} rad/s"]
 
 
@@ -199,9 +191,9 @@ def test_phase_margins_are_continuous_where_the_phase_wraps() -> None:
     target, _ = sampled_loops(
         SINGLE, SINGLE_LOOP.values, gaussian(SINGLE_LOOP.values, errors), element
     )
-    assert (target.phase_margin < -180.0).any()
+    assert target.phase_margin.lower < -180.0
     expected = np.degrees(here.crossover * gaussian(SINGLE_LOOP.values, errors)[:, 2].std())
-    assert target.phase_margin.std() == pytest.approx(expected, rel=1e-3)
+    assert target.phase_margin.std_error == pytest.approx(expected, rel=1e-3)
 
 
 def test_draws_whose_crossing_vanishes_are_left_out_and_counted() -> None:
@@ -210,12 +202,8 @@ def test_draws_whose_crossing_vanishes_are_left_out_and_counted() -> None:
     errors = np.array([0.5, 0.0, 0.0, 0.0, 0.0])
     sets = np.abs(gaussian(RESONANT, errors))
     target, _ = sampled_loops(SINGLE, RESONANT, sets, element)
-    assert 0 < target.crossover.size < len(sets)
-    lost = 100.0 * (1.0 - target.crossover.size / len(sets))
-    assert target.loop.remark.startswith(
-        f"in {lost:.0f} % of the draws its magnitude does not fall"
-    )
-    assert target.crossover.max() < 10.0
+    assert "% of the draws its magnitude does not fall" in target.remark
+    assert target.crossover.upper < 10.0
 
 
 # ------------------------------------------------------------------ where there are none
@@ -223,18 +211,18 @@ def test_draws_whose_crossing_vanishes_are_left_out_and_counted() -> None:
 
 def test_it_is_said_why_there_are_none() -> None:
     estimate = estimate_of(RESONANT, ERRORS)
-    weak = loops_of(estimate, position_control(0.01))
+    weak = estimate.loops(position_control(0.01))
     assert all(np.isnan(q.value) for q in weak.quantities)
     assert weak.notes[0].startswith("target loop: no crossing: the magnitude stays below one")
-    lost = loops_of(failed("by hand", SINGLE, Outcome.SINGULAR), double_integrator(4.0))
+    lost = failed("by hand", SINGLE, Outcome.SINGULAR).loops(double_integrator(4.0))
     assert all(np.isnan(q.value) for q in lost.quantities)
     assert lost.notes == ["target loop: the fit failed", "disturbance loop: the fit failed"]
 
 
 def test_an_unstable_fitted_loop_is_said_to_be() -> None:
     estimate = estimate_of(SINGLE_LOOP.values, ERRORS)
-    assert loops_of(estimate, double_integrator(4.0)).remarks == ()
-    (remark,) = loops_of(estimate, double_integrator(6.0)).remarks
+    assert estimate.loops(double_integrator(4.0)).remarks == ()
+    (remark,) = estimate.loops(double_integrator(6.0)).remarks
     assert "the fitted loop with 6/s^2 is unstable" in remark
 
 

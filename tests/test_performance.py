@@ -10,7 +10,6 @@ from helpers import NOMINAL
 
 from pilotid.datasets import simulate
 from pilotid.estimate.estimate import Outcome, failed
-from pilotid.estimate.loops import loops_of
 from pilotid.experiment.performance import lines_shared, performance
 from pilotid.support.numbers import recording_rng
 
@@ -73,7 +72,7 @@ def test_a_loop_that_nothing_excites_has_no_margins(absent: str, left: str) -> N
         values=NOMINAL.values,
         covariance=1e-6 * np.eye(size),
     )
-    loops = loops_of(fit, NOMINAL.element).excited_by(recording)
+    loops = fit.loops(NOMINAL.element).excited_by(recording)
     assert [q.key for q in loops.quantities] == [f"{left}_crossover", f"{left}_phase_margin"]
     assert all(np.isfinite(q.value) for q in loops.quantities)
     assert np.isnan(getattr(loops, absent).crossover.value)

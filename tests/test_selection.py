@@ -87,7 +87,7 @@ def test_recordings_are_excluded() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("subject=9", "1, 2"),
+        ("subject=9", "subject=1, subject=2"),
         ("subject", "FIELD=VALUE"),
         ("axis=roll", "FIELD=VALUE"),
         ("", "FIELD=VALUE"),

@@ -23,7 +23,7 @@ import numpy as np
 from pilotid.checks.checks import motionless
 from pilotid.estimate.applicability import lines_objection, made_for, motionless_input
 from pilotid.estimate.estimate import at_bounds, bounds_reached
-from pilotid.likelihood.constancy import changes, constancy
+from pilotid.likelihood.constancy import constancy
 from pilotid.likelihood.estimates import simulated_vaf
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum
@@ -104,11 +104,6 @@ class Candidate:
     change_size: float = math.nan
     change_time: float = math.nan
     varies: bool = False
-
-    @property
-    def changes(self) -> bool:
-        """Whether the pilot is said to change, see `pilotid.likelihood.constancy`."""
-        return changes(self.change_p, self.change_size)
 
     @property
     def excess(self) -> float:

@@ -80,7 +80,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "people": ("NAME", "Published recordings of people instead; see fetch-data."),
     # Experiments.
     "pattern": ("'subj{subject}_{condition}'", "What the files' names say; {run} tells runs."),
-    "contrast": ("A:B", "Conditions, or parameters of a fit, to compare, B less A; repeat."),
+    "contrast": ("A:B", "Conditions to compare, B less A; repeat."),
     "keep_all": ("", "Count estimates that are not determined, or wrong, as well."),
     "sensitivity": ("", "Also fit another band, remnant and lead-in, and each half: a table."),
     "per_run": ("", "Also fit each run separately."),

@@ -330,7 +330,8 @@ class Estimate:
         element
             The element, or a text for one.
         """
-        return loops_of(self, as_element(element))
+        found = as_element(element)
+        return loops_of(self.model, self.values, self.covariance, self.draws, found)
 
     def simulate(self, recording: Recording) -> DataFrame:
         """The response to the recorded inputs: columns run, time, control and simulated.

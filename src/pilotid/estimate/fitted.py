@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from pilotid.checks.checks import remarks
 from pilotid.estimate.estimate import Estimate, Outcome, failed
-from pilotid.estimate.loops import LoopElement, Loops, loops_of
+from pilotid.estimate.loops import LoopElement, Loops
 from pilotid.estimate.method import Method, identify
 from pilotid.model.model import PilotModel
 from pilotid.naming.code import packed, reason, unpacked
@@ -69,7 +69,7 @@ class Fitted:
         if self.loop_element is None or self.loop_element.element is None:
             return ()
         element = self.loop_element.element
-        every = (loops_of(e, element).excited_by(self.recording) for e in self.estimates)
+        every = (e.loops(element).excited_by(self.recording) for e in self.estimates)
         return tuple(replace(own, remarks=without(own.remarks, self.ignored)) for own in every)
 
     @property

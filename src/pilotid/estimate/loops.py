@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -38,40 +37,22 @@ COUNT = 1000  # draws of a posterior
 NEAR = 2.0  # times the estimate's crossover; other crossings lie further off
 
 
-class Fit(Protocol):
-    """What loops are made of; every `Estimate` has it."""
-
-    @property
-    def model(self) -> PilotModel:
-        """The model."""
-
-    @property
-    def values(self) -> FloatArray:
-        """Its parameters, shape (parameters,)."""
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Their covariance, shape (parameters, parameters)."""
-
-    @property
-    def draws(self) -> Draws | None:
-        """Draws of the posterior, where there is one."""
-
-
-def loops_of(estimate: Fit, element: ControlledElement) -> Loops:
+def loops_of(
+    model: PilotModel,
+    values: FloatArray,
+    covariance: FloatArray,
+    draws: Draws | None,
+    element: ControlledElement,
+) -> Loops:
     """The loops that an estimate makes with a controlled element, with errors.
-
-    Errors are those of the pilot's parameters: the spread over the draws of a posterior where
-    there is one, else to first order from the covariance.  The element is taken as known.
 
     Parameters
     ----------
-    estimate
-        Any; of one that failed every number is NaN.
+    model, values, covariance, draws
+        The estimate's; of one that failed every number is NaN.
     element
         The controlled element.
     """
-    model, values = estimate.model, estimate.values
     is_known = bool(np.isfinite(values).all())
     if why := model.no_loop if is_known else "the fit failed":
         return Loops(element, no_loop("target", why), no_loop("disturbance", why))
@@ -85,19 +66,20 @@ def loops_of(estimate: Fit, element: ControlledElement) -> Loops:
                 "or the estimate is poor; do not use its margins",
             )
         )
-    if estimate.draws is None:
-        target, disturbance = _by_delta(estimate, element)
+    if draws is None:
+        target, disturbance = _by_delta(model, values, covariance, element)
     else:
-        sets = estimate.draws.thinned(COUNT)[:, : len(model.parameters)]
-        target, disturbance = (s.loop for s in sampled_loops(model, values, sets, element))
+        sets = draws.thinned(COUNT)[:, : len(model.parameters)]
+        target, disturbance = sampled_loops(model, values, sets, element)
     return Loops(element, target, disturbance, tuple(remarks))
 
 
 # ------------------------------------------------------------------ to first order
 
 
-def _by_delta(estimate: Fit, element: ControlledElement) -> list[Loop]:
-    model, values, covariance = estimate.model, estimate.values, estimate.covariance
+def _by_delta(
+    model: PilotModel, values: FloatArray, covariance: FloatArray, element: ControlledElement
+) -> list[Loop]:
     result = []
     for i, (name, loop) in enumerate(
         zip(NAMES, open_loops(model, values, element, GRID), strict=True)
@@ -110,13 +92,11 @@ def _by_delta(estimate: Fit, element: ControlledElement) -> list[Loop]:
         delay = float(effective_delay(found.crossover, found.phase_margin))
         by_delay = -(delay * slopes[0] + np.radians(slopes[1])) / found.crossover
         slopes = np.vstack([slopes, by_delay])
-        errors = np.sqrt(np.einsum("qi,ij,qj->q", slopes, covariance, slopes))
-        numbers = (found.crossover, found.phase_margin, delay)
+        errors = np.sqrt(np.einsum("qi,ij,qj->q", slopes, covariance, slopes)).tolist()
+        numbers = zip((found.crossover, found.phase_margin, delay), errors, strict=True)
         crossover, phase_margin, late = (
-            Quantity(key, unit, value, error, value - Z95 * error, value + Z95 * error)
-            for (key, unit), value, error in zip(
-                loop_keys(name), numbers, errors.tolist(), strict=True
-            )
+            Quantity(*named, value, error, value - Z95 * error, value + Z95 * error)
+            for named, (value, error) in zip(loop_keys(name), numbers, strict=True)
         )
         result.append(Loop(name, crossover, phase_margin, late, found.others))
     return result
@@ -165,27 +145,10 @@ def margin_slopes(
 # ------------------------------------------------------------------ over draws
 
 
-@dataclass(frozen=True, eq=False)
-class SampledLoop:
-    """A loop over the draws of a posterior.
-
-    Attributes
-    ----------
-    loop
-        Means, deviations and equal-tailed intervals over the draws.
-    crossover, phase_margin
-        Of each draw that has the crossing [rad/s, deg], shape (kept,).
-    """
-
-    loop: Loop
-    crossover: FloatArray
-    phase_margin: FloatArray
-
-
 def sampled_loops(
     model: PilotModel, centre: FloatArray, sets: FloatArray, element: ControlledElement
-) -> list[SampledLoop]:
-    """The loops of draws, shape (sets, parameters), target first.
+) -> list[Loop]:
+    """The loops over draws, shape (sets, parameters), target first.
 
     A loop may have several crossings; of each draw the one nearest to that of the estimate
     `centre` counts, and its phase margin is continuous about the estimate's.
@@ -198,8 +161,6 @@ def sampled_loops(
         own = margin(GRID, loop)
         nearest = [_nearest(loops[i], own.crossover) for loops in every]
         kept = np.array([pair for pair in nearest if pair], dtype=float).reshape(-1, 2)
-        frequency, phase = kept.T
-        phase = phase + 360.0 * np.round((own.phase_margin - phase) / 360.0)
         lost, remark = 1.0 - len(kept) / len(sets), ""
         if math.isnan(own.crossover):
             remark = why_no_crossing(GRID, loop)
@@ -208,15 +169,15 @@ def sampled_loops(
                 f"in {100.0 * lost:.0f} % of the draws its magnitude does not fall through one "
                 f"near {own.crossover:.3g} rad/s; they are left out"
             )
-        told = no_loop(name, remark, own.others)
-        if len(kept):
-            numbers = (frequency, phase, effective_delay(frequency, phase))
-            crossover, phase_margin, late = (
-                sampled(key, unit, own)
-                for (key, unit), own in zip(loop_keys(name), numbers, strict=True)
-            )
-            told = Loop(name, crossover, phase_margin, late, own.others, remark)
-        result.append(SampledLoop(told, frequency, phase))
+        if not len(kept):
+            result.append(no_loop(name, remark, own.others))
+            continue
+        frequency, phase = kept.T
+        phase = phase + 360.0 * np.round((own.phase_margin - phase) / 360.0)
+        numbers = (frequency, phase, effective_delay(frequency, phase))
+        pairs = zip(loop_keys(name), numbers, strict=True)
+        crossover, phase_margin, late = (sampled(*named, values) for named, values in pairs)
+        result.append(Loop(name, crossover, phase_margin, late, own.others, remark))
     return result
 
 
@@ -374,9 +335,9 @@ class Loops:
 
 def no_loop(name: str, why: str, others: tuple[float, ...] = ()) -> Loop:
     """A loop without a crossover, and why."""
-    nan = float("nan")
+    nan = math.nan
     crossover, phase_margin, late = (
-        Quantity(key, unit, nan, nan, nan, nan) for key, unit in loop_keys(name)
+        Quantity(*named, nan, nan, nan, nan) for named in loop_keys(name)
     )
     return Loop(name, crossover, phase_margin, late, others, why)
 

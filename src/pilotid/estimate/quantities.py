@@ -68,10 +68,10 @@ SYMBOLS = {
 def symbol(key: str) -> str:
     """The symbol of a quantity between dollar signs; a key without one stays as it is."""
     found = []
-    for part in re.split(r"( - |[*/+])", key):
+    for part in re.split(r"([*/+])", key):
         name, index = re.split(r"(\d*)\Z", part, maxsplit=1)[:2]
         own = SYMBOLS.get(part) or SYMBOLS.get(name)
-        if own is None and part not in (" - ", "*", "/", "+"):
+        if own is None and part not in ("*", "/", "+"):
             return key
         if own and index:
             base, underline, below = own.partition("_")

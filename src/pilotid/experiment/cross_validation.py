@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.method import Method, identify
 from pilotid.experiment.files import alone, without
 from pilotid.model.model import PilotModel
@@ -28,11 +27,6 @@ from pilotid.support.numbers import fit_rng
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-#: Columns of left_out.csv behind the recording's.
-COLUMNS = (
-    *("run", "model", "method", "outcome", "vaf", "log_likelihood", "seconds"),
-    *("halves_percent", "halves_z"),
-)
 HALVES = ("halves_percent", "halves_z")
 
 
@@ -56,40 +50,40 @@ def predict_left_out(
     and of the even runs are apart: the median over parameters in % of their mean, and the root
     mean square in the errors that both claim, which is 1 where these are right.
     """
-    others, own = without(recording, run), alone(recording, run)
+    others, left = without(recording, run), alone(recording, run)
     found: list[dict[str, object]] = []
     for label, method in methods.items():
         estimate = identify(method, others, model, fit_rng(seed, label))
-        told: dict[str, object] = dict.fromkeys(("vaf", "log_likelihood", *HALVES), math.nan)
-        if run == 1:
-            halves = [
-                identify(method, of_runs(recording, runs, "half of the runs"), model, rng)
-                for runs in (range(1, recording.runs + 1, 2), range(2, recording.runs + 1, 2))
-                for rng in [fit_rng(seed, label)]
-            ]
-            if all(half.outcome.usable for half in halves):
-                told |= dict(zip(HALVES, _apart(*halves), strict=True))
-        if estimate.outcome.usable:
-            score = estimate.score(own, others)
-            told |= {"vaf": score.vaf, "log_likelihood": score.log_score}
-        head = {"method": label, "outcome": estimate.outcome.slug}
-        found.append({**head, **told, "seconds": estimate.seconds})
+        usable = estimate.outcome.usable
+        score = estimate.score(left, others) if usable else None
+        row = {
+            "model": model.name,
+            "method": label,
+            "outcome": estimate.outcome.slug,
+            "vaf": score.vaf if score else math.nan,
+            "log_likelihood": score.log_score if score else math.nan,
+            "seconds": estimate.seconds,
+        }
+        found.append(row | (_halves(recording, model, method, label, seed) if run == 1 else {}))
     return found
 
 
-def _apart(first: Estimate, second: Estimate) -> tuple[float, float]:
-    """How far two estimates are apart, in % of their mean and in claimed errors."""
+def _halves(
+    recording: Recording, model: PilotModel, method: Method, label: str, seed: int
+) -> dict[str, float]:
+    """How far the fits of odd and even runs are apart, in % of their mean and in claimed errors."""
+    first, second = (
+        identify(method, of_runs(recording, runs, "half of the runs"), model, fit_rng(seed, label))
+        for runs in (range(1, recording.runs + 1, 2), range(2, recording.runs + 1, 2))
+    )
+    if not (first.outcome.usable and second.outcome.usable):
+        return {}
     difference, size = first.values - second.values, np.abs(first.values + second.values)
     error = np.hypot(first.std_error, second.std_error)
     with np.errstate(divide="ignore", invalid="ignore"):
         percent = 200.0 * np.median(np.abs(difference) / size)
-        return float(percent), float(np.sqrt(np.mean((difference / error) ** 2)))
-
-
-def failed_rows(methods: Mapping[str, Method], outcome: str) -> list[dict[str, object]]:
-    """The same as `predict_left_out` of fits that a process was lost with."""
-    nothing = dict.fromkeys(("vaf", "log_likelihood", "seconds", *HALVES), math.nan)
-    return [{"method": label, "outcome": outcome, **nothing} for label in methods]
+        z = np.sqrt(np.mean((difference / error) ** 2))
+    return dict(zip(HALVES, (float(percent), float(z)), strict=True))
 
 
 def ranked(left: DataFrame) -> DataFrame:
@@ -106,7 +100,7 @@ def ranked(left: DataFrame) -> DataFrame:
     Returns
     -------
     DataFrame
-        By model and method ``runs`` and ``failed`` fits; ``vaf`` and ``behind``, the mean
+        By model and method ``runs`` and ``failed`` fits; ``vaf_mean`` and ``behind``, the mean
         log-likelihood of a run less that of the best, over the runs that all predict, each with its
         standard error; and the medians over recordings of how far halves are apart.
     """
@@ -116,7 +110,7 @@ def ranked(left: DataFrame) -> DataFrame:
     able = table[table.columns[2 * table.count() >= len(table)]].dropna()
     groups = left.groupby(["model", "method"], sort=False)
     found = groups["vaf"].agg(["size", "count", "mean", "sem"])
-    found.columns = ["runs", "failed", "vaf", "vaf_error"]
+    found.columns = ["runs", "failed", "vaf_mean", "vaf_error"]
     found["failed"] = found["runs"] - found["failed"]
     found[[*HALVES]] = groups[[*HALVES]].median()
     if able.size:

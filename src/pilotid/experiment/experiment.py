@@ -8,16 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from pilotid.estimate.method import Method
+from pilotid.experiment.comparisons import compared
 from pilotid.experiment.files import Pattern, excluded_of, parts_of, with_factors
-from pilotid.experiment.fits import Settings, fit_recordings
-from pilotid.experiment.results import COLUMNS, Results, results_of
+from pilotid.experiment.fits import fit_recordings
+from pilotid.experiment.report import blocks, tables_tex, write_report
+from pilotid.experiment.results import LOOP, QUANTITY_COLUMNS, Results, Settings
 from pilotid.methods import label_of, method_named
 from pilotid.model.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.model.element import ControlledElement, as_element
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import Reading, read_with
 from pilotid.recording.windows import span_of
-from pilotid.study.study import about_this
 from pilotid.support.disk import frame_bytes, require_folder, write_file
 from pilotid.support.format import Table, as_text
 from pilotid.support.numbers import DEFAULT_SEED
@@ -51,20 +52,23 @@ class Experiment:
     @property
     def refused(self) -> Sequence[str]:
         """A sentence for each file that was left out."""
-        return self.results.fits.refused
+        return self.results.refused
 
     def to_dataframe(self, table: str = "estimates") -> DataFrame:
         """A table, such as ``contrasts``, with the columns of its CSV file."""
         name = table.removesuffix(".csv")
         if name not in TABLES:
             raise InputError(f"{table}: is no table of an analysis; there are {', '.join(TABLES)}")
-        found = getattr(self.results, name)
         if name not in ("estimates", "loops"):
+            found: DataFrame = getattr(self.results, name)
             return found
-        head = ["file", *self.results.fits.fields, *COLUMNS[:3]]
+        rows = self.results.quantities
+        rows = rows[(rows["otherwise"] == "") & ((rows["kind"] == LOOP) == (name == "loops"))]
+        head = ["file", *self.results.fields, *QUANTITY_COLUMNS[:3]]
         if name == "estimates":
-            return found[[*head, *COLUMNS[3:-1]]]
-        return found[[*head, "element", *COLUMNS[3:-1]]].rename(columns={"parameter": "quantity"})
+            return rows[[*head, *QUANTITY_COLUMNS[3:]]].reset_index(drop=True)
+        rows = rows[[*head, "element", *QUANTITY_COLUMNS[3:]]].reset_index(drop=True)
+        return rows.rename(columns={"parameter": "quantity"})
 
     def write(self, command: str = "") -> Path:
         """Write all tables, figures and the page to the folder, and return the page's path.
@@ -74,24 +78,18 @@ class Experiment:
         command
             The command that makes them, which they name.
         """
-        from pilotid.experiment.report import tables_tex, write_report
-
         for name in TABLES:
             frame = self.to_dataframe(name)
             if len(frame) or name in TABLES[:4]:
                 write_file(self.folder / f"{name}.csv", frame_bytes(frame))
         text = tables_tex(self.results, command)
         write_file(self.folder / TEX, text.encode("utf-8", "replace"))
-        about = about_this(self.results.fits.settings.seed)
-        versions = (f"{name} {own}" for name, own in about.items() if name not in ("seed", "code"))
-        write_report(self.folder / PAGE, self.results, command, ", ".join(versions))
+        write_report(self.folder / PAGE, self.results, command)
         return self.folder / PAGE
 
     def blocks(self, page: Path | None = None) -> list[str | Table]:
         """What the terminal shows, with the place of the page where there is one."""
-        from pilotid.experiment.report import blocks
-
-        return [*blocks(self.results, page)]
+        return [*blocks(self.results), *([f"report: {page}"] if page else [])]
 
     def __repr__(self) -> str:
         return as_text(*self.blocks())
@@ -134,8 +132,7 @@ def analyse(
     out
         Folder of what is done: the same call resumes there.
     contrasts
-        Conditions or parameters to compare, such as ``C3:C6``; else all conditions that differ in
-        one factor.
+        Conditions to compare, such as ``C3:C6``; else all that differ in one factor.
     factors
         Factors that conditions are combinations of, as text or fields of the pattern.
     keep_all
@@ -173,45 +170,40 @@ def analyse(
         If no file can be used, or an option does not fit them.
     """
     models, methods = _several(models), _several(methods)
-    every = [model_named(m) if isinstance(m, str) else m for m in models if m != AUTO]
-    auto = len(every) < len(models)
-    with_held([*every, *(MODELS.values() if auto else ())], fix)  # refused at once
+    named = [model_named(m) if isinstance(m, str) else m for m in models if m != AUTO]
+    auto = len(named) < len(models)
+    with_held([*named, *(MODELS.values() if auto else ())], fix)  # refused at once
     known = [method_named(m) if isinstance(m, str) else m for m in methods]
     reading, folder = reading or Reading(), Path(out)
     if reading.span:
         span_of(reading.span)
-    parts, refused = parts_of(
-        [Path(file) for file in _several(files)],
-        Pattern(pattern) if pattern else None,
-    )
-    parts, excluded = excluded_of(parts, _several(exclude)) if parts else (parts, [])
-    parts, levels = with_factors(parts, factors)
-    settings = Settings(
-        {m.name: m for m in every},
-        auto,
-        {label_of(method): method for method in known},
-        per_run,
-        left_out,
-        as_element(element) if element else None,
-        seed,
-        pairs_of(_several(contrasts)),
-        levels,
-        keep_all,
-        sensitivity,
-        excluded,
-        codes_in(_several(ignore)),
-        fix,
-        reading,
-    )
+    own = Pattern(pattern) if pattern else None
+    parts, refused = parts_of([Path(file) for file in _several(files)], own)
     if not parts:
         raise InputError("; ".join(refused))
+    parts, excluded = excluded_of(parts, _several(exclude))
+    parts, levels = with_factors(parts, factors)
+    settings = Settings(
+        models={m.name: m for m in named},
+        auto=auto,
+        methods={label_of(method): method for method in known},
+        per_run=per_run,
+        left_out=left_out,
+        element=as_element(element) if element else None,
+        seed=seed,
+        pairs=pairs_of(_several(contrasts)),
+        factors=levels,
+        keep_all=keep_all,
+        sensitivity=sensitivity,
+        excluded=excluded,
+        ignored=codes_in(_several(ignore)),
+        fix=fix,
+        reading=reading,
+    )
     read = [file for part in parts for file in part.files]
     names = (*(f"{name}.csv" for name in TABLES), TEX, PAGE)
     require_folder(folder, names, read_with(read), force=force)
-    fits = fit_recordings(parts, settings, folder, workers, refused)
-    if not fits.looks:
-        raise InputError("; ".join(fits.refused))
-    return Experiment(results_of(fits), folder)
+    return Experiment(compared(fit_recordings(parts, settings, folder, workers, refused)), folder)
 
 
 def _several(given: Sequence[T]) -> Sequence[T]:
@@ -225,9 +217,6 @@ def pairs_of(texts: Sequence[str]) -> list[tuple[str, str]]:
     for text in (part for given in texts for part in given.split(",")):
         first, colon, second = (part.strip() for part in text.partition(":"))
         if not (colon and first and second):
-            raise InputError(
-                f"--contrast {text}: must be two conditions, as in C3:C6, or two parameters of "
-                "one model, as in tlead1:tlead2"
-            )
+            raise InputError(f"--contrast {text}: must be two conditions, as in C3:C6")
         pairs.append((first, second))
     return pairs

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,8 +25,6 @@ COLOURS = ("#4477AA", "#EE6677", "#228833", "#CCBB44", "#66CCEE", "#AA3377", "#B
 MARKERS = "osD^vP"
 #: What variances are made of.
 PARTS = ("target", "disturbance", "remnant")
-#: Positive values that span more than this ratio are shown on a logarithmic axis.
-WIDE = 8.0
 
 
 def estimates_figure(own: DataFrame) -> Figure | None:
@@ -49,15 +48,14 @@ def estimates_figure(own: DataFrame) -> Figure | None:
             _panel(axes, own[own["parameter"] == key], conditions, subjects)
         for axes in panels[len(keys) :]:
             axes.set_axis_off()
-        named = {
-            label: handle
-            for axes in panels
-            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-        }
-        figure.legend(
-            [*named.values()], [*named], loc="outside lower center", ncols=7, frameon=False
-        )
+        every = [axes.get_legend_handles_labels() for axes in panels]
+        named = {label: handle for own in every for handle, label in zip(*own, strict=True)}
+        _legend(figure, named.values(), named)
     return figure
+
+
+def _legend(figure: Figure, handles: Iterable[Any], labels: Iterable[str]) -> None:
+    figure.legend([*handles], [*labels], loc="outside lower center", ncols=7, frameon=False)
 
 
 def _panel(axes: Axes, own: DataFrame, conditions: list[str], subjects: list[str]) -> None:
@@ -69,32 +67,26 @@ def _panel(axes: Axes, own: DataFrame, conditions: list[str], subjects: list[str
             continue
         x, y = place[here] + offset, own.loc[here, "value"]
         reach = np.abs(own.loc[here, ["lower_95", "upper_95"]].sub(y, axis=0).fillna(0.0)).T
-        colour = COLOURS[count % len(COLOURS)]
-        marker = MARKERS[count // len(COLOURS) % len(MARKERS)] if len(subjects) > 7 else "o"
+        colour, marker = COLOURS[count % 7], MARKERS[count // 7 % len(MARKERS)]
         axes.plot(x, y, color=colour, linewidth=0.5, alpha=0.5)
-        axes.errorbar(
-            x, y, reach, fmt=marker, color=colour, markersize=3.0, elinewidth=0.9, capsize=0.0,
-            label=f"subject {subject}",
-        )  # fmt: skip
+        look: dict[str, Any]
+        look = {"fmt": marker, "color": colour, "markersize": 3.0, "elinewidth": 0.9}
+        axes.errorbar(x, y, reach, label=f"subject {subject}", **look)
     for at, values in own.groupby(place)["value"]:
         if len(values) > 1:
-            ends = [at - 0.36, at + 0.36]
             mean = [float(values.mean())] * 2
+            ends = [at - 0.36, at + 0.36]
             axes.plot(ends, mean, color=INK, linewidth=1.2, label="mean over subjects")
     axes.set_xticks(range(len(conditions)), conditions)
     axes.set_xlim(-0.6, len(conditions) - 0.4)
     draw_grid(axes, "y")
+    # Intervals that would squeeze the values together are cut.
     low, high = float(own["value"].min()), float(own["value"].max())
-    title = with_unit(symbol(own["parameter"].iloc[0]), unit_words(own["unit"].iloc[0]))
-    if low > 0.0 and high > WIDE * low:
-        axes.set(yscale="log", ylim=(0.7 * low, 1.4 * high))
-        log_ticks(axes, "y")
-        title += ", log. axis"
-    else:  # intervals that would squeeze the values together are cut
-        room = high - low or 0.5 * abs(high) or 1.0
-        bottom, top = axes.get_ylim()
-        axes.set_ylim(max(bottom, low - room), min(top, high + room))
-    axes.set_title(title, loc="left")
+    room = high - low or 0.5 * abs(high) or 1.0
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(max(bottom, low - room), min(top, high + room))
+    first = own.iloc[0]
+    axes.set_title(with_unit(symbol(first["parameter"]), unit_words(first["unit"])), loc="left")
 
 
 def variances_figure(own: DataFrame) -> Figure | None:
@@ -123,22 +115,14 @@ def variances_figure(own: DataFrame) -> Figure | None:
                 parts = table.loc[f"var_{name}_{part}"].reindex(conditions)
                 axes.bar(conditions, parts["mean"], 0.7, bottom=top, color=colour, label=part)
                 top = top + parts["mean"].to_numpy()
-                axes.errorbar(
-                    conditions,
-                    top,
-                    _reach(parts),
-                    fmt="none",
-                    ecolor=INK,
-                    elinewidth=0.7,
-                    capsize=1.5,
-                )
+                look: dict[str, Any]
+                look = {"fmt": "none", "ecolor": INK, "elinewidth": 0.7, "capsize": 1.5}
+                axes.errorbar(conditions, top, _reach(parts), **look)
             unit = own.loc[own["parameter"] == f"var_{name}", "unit"].iloc[0]
-            axes.set_title(
-                with_unit(symbol(f"var_{name}"), unit_words(unit) or f"{name}²"), loc="left"
-            )
+            title = with_unit(symbol(f"var_{name}"), unit_words(unit) or f"{name}²")
+            axes.set_title(title, loc="left")
             draw_grid(axes, "y")
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+        _legend(figure, *panels[0].get_legend_handles_labels())
     return figure
 
 
@@ -191,8 +175,7 @@ def responses_figure(responses: DataFrame) -> Figure | None:
             for axes in (above, below):
                 draw_grid(axes)
         panels[1, 0].set_ylabel("phase [deg]")
-        figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center",
-                      ncols=8, frameon=False)  # fmt: skip
+        _legend(figure, *panels[0, 0].get_legend_handles_labels())
     return figure
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import product
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -122,8 +124,8 @@ class Part:
         fields = " ".join(f"{field} {value}" for field, value in self.fields)
         return fields or stem_of(self.files[0])
 
-    def recording(self, reading: Reading, run: int | None = None) -> Recording:
-        """The recording, or one run of it alone, counted from 1.
+    def recording(self, reading: Reading) -> Recording:
+        """The recording in the files.
 
         Raises
         ------
@@ -131,27 +133,15 @@ class Part:
             If a file cannot be used.
         """
         (whole,), _ = reading.all(self.files, joint=True)
-        return whole if run is None else alone(whole, run)
+        return whole
 
-    def digest(self, reading: Reading) -> str:
-        """A digest of all that is read.
-
-        Raises
-        ------
-        InputError
-            If a file cannot be read.
-        """
-        digest = hashlib.sha256(repr((self, reading)).encode("utf-8", "replace"))
-        for file in self.files:
-            try:
-                digest.update(file_of(file).read_bytes())
-                side = sidecar_path(file_of(file))
-                digest.update(side.read_bytes() if side.exists() else b"")
-            except OSError as error:
-                raise InputError(
-                    f"{file}: cannot be read ({error.strerror or error}); check the file and its "
-                    "rights"
-                ) from error
+    def digest(self) -> str:
+        """A digest of the files and of the notes beside them."""
+        digest = hashlib.sha256()
+        for file in map(file_of, self.files):
+            for path in (file, sidecar_path(file)):
+                with suppress(OSError):  # that a file cannot be read is said as it is read
+                    digest.update(path.read_bytes())
         return digest.hexdigest()
 
 
@@ -216,21 +206,15 @@ def excluded_of(parts: Sequence[Part], texts: Sequence[str]) -> tuple[list[Part]
     """
     left, excluded = list(parts), list[Part]()
     for text in texts:
-        wanted = {}
-        for pair in text.split(","):
-            name, _, value = (piece.strip() for piece in pair.partition("="))
-            known = in_order([own for part in parts for f, own in part.fields if f == name])
-            if value not in known:
-                fields = ", ".join(dict.fromkeys(f for part in parts for f, _ in part.fields))
-                raise InputError(
-                    f"--exclude {text}: '{pair}' must be FIELD=VALUE with a field of the pattern "
-                    f"({', '.join(known) or fields or 'there is none'}) and a value that a file has"
-                )
-            wanted[name] = value
-        out = [part for part in left if wanted.items() <= dict(part.fields).items()]
+        pairs = (pair.partition("=") for pair in text.split(","))
+        wanted = {(name.strip(), value.strip()) for name, _, value in pairs}
+        out = [part for part in left if wanted <= {*part.fields}]
         if not out or len(out) == len(left):
-            what = "excludes all that is left" if out else "excludes nothing"
-            raise InputError(f"--exclude {text}: {what}; name other recordings")
+            known = ", ".join(in_order([f"{n}={v}" for part in parts for n, v in part.fields]))
+            raise InputError(
+                f"--exclude {text}: excludes {'all that is left' if out else 'nothing'}; name "
+                f"FIELD=VALUE of the pattern, of which there are {known or 'none'}"
+            )
         left = [part for part in left if part not in out]
         excluded += out
     return left, excluded
@@ -262,61 +246,67 @@ def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], D
     Raises
     ------
     InputError
-        If it is neither, a level has no condition, or the conditions are no full crossing.
+        If it is neither, or the conditions are no full crossing.
     """
-    from pandas import DataFrame
-
     if text is None:
         return [*parts], None
     names = [name.strip() for name in text.split(",")]
-    fields = [dict(part.fields) for part in parts]
-    if all(name in own for own in fields for name in names):
-        whole = [", ".join(own[name] for name in names) for own in fields]
-        parts = [
-            Part(p.files, (*((n, v) for n, v in p.fields if n not in names), (CONDITION, own)))
-            for p, own in zip(parts, whole, strict=True)
-        ]
-        rows = dict(zip(whole, fields, strict=True))
-        frame = DataFrame.from_dict(rows, orient="index")[names].loc[in_order(whole)]
+    if all(part.field(name) for part in parts for name in names):
+        parts, levels = _by_fields(parts, names)
     else:
-        frame = _in_text(text)
+        levels = _in_text(text)
     there = in_order([part.field(CONDITION) for part in parts])
-    for condition, levels in frame.iterrows():
-        if condition not in there:
-            raise InputError(
-                f"--factors: no file has the condition {condition}; the conditions are "
-                f"{', '.join(filter(None, there)) or 'none'}"
-            )
-        if levels.isna().any():
-            missing = levels.index[levels.isna()][0]
-            raise InputError(f"--factors: the condition {condition} has no level of {missing}")
-    for factor in frame.columns[frame.nunique() < 2]:
+    for condition in levels.index.difference(there):
+        raise InputError(
+            f"--factors: no file has the condition {condition}; the conditions are "
+            f"{', '.join(filter(None, there)) or 'none'}"
+        )
+    for condition, factor in product(levels.index, levels.columns):
+        if not isinstance(levels.loc[condition, factor], str):
+            raise InputError(f"--factors: the condition {condition} has no level of {factor}")
+    counts = levels.nunique()
+    for factor in counts.index[counts < 2]:
         raise InputError(f"--factors: {factor} has one level only; give it two or more")
-    if frame.duplicated().any() or len(frame) < prod(frame.nunique()):
+    if levels.duplicated().any() or len(levels) < prod(counts):
         raise InputError(
             "--factors: each combination of levels must be that of one condition; add a factor, or "
             "name all conditions"
         )
-    return [*parts], frame
+    return [*parts], levels
+
+
+def _by_fields(parts: Sequence[Part], names: Sequence[str]) -> tuple[list[Part], DataFrame]:
+    """Factors that are fields of the pattern: conditions named by their levels."""
+    from pandas import DataFrame
+
+    found, rows = list[Part](), dict[str, dict[str, str]]()
+    for part in parts:
+        levels = {name: part.field(name) for name in names}
+        condition = ", ".join(levels.values())
+        rows[condition] = levels
+        others = (pair for pair in part.fields if pair[0] not in names)
+        found.append(Part(part.files, (*others, (CONDITION, condition))))
+    return found, DataFrame.from_dict(rows, orient="index").loc[in_order([*rows])]
 
 
 def _in_text(text: str) -> DataFrame:
+    """Factors by condition, from a text such as ``motion=C1,C2:off;C3,C4:on``."""
     from pandas import DataFrame
 
-    found: dict[str, dict[str, str]] = {}
+    levels: dict[str, dict[str, str]] = {}
     factor = ""
-    for part in (part.strip() for part in text.split(";") if part.strip()):
-        name, equals, rest = part.partition("=")
-        factor = name.strip() if equals else factor
-        members, colon, level = (rest if equals else part).rpartition(":")
-        names = [name.strip() for name in members.split(",") if name.strip()]
-        own = found.setdefault(factor, {})
-        if not (factor and colon and level.strip() and names) or set(names) & set(own):
+    for part in filter(None, map(str.strip, text.split(";"))):
+        named, equals, rest = part.rpartition("=")
+        factor = named.strip() if equals else factor
+        members, _, level = rest.rpartition(":")
+        conditions = [name.strip() for name in members.split(",") if name.strip()]
+        known = levels.setdefault(factor, {})
+        if not (factor and level.strip() and conditions) or set(conditions) & set(known):
             raise InputError(
                 f"--factors: '{part}' must be FACTOR=CONDITIONS:LEVEL, as in motion=C1,C2:off;"
                 "C3,C4:on, and a condition has one level of a factor"
             )
-        own.update(dict.fromkeys(names, level.strip()))
-    if not found:
+        known.update(dict.fromkeys(conditions, level.strip()))
+    if not levels:
         raise InputError("--factors: names no factor; write for example motion=C1,C2:off;C3,C4:on")
-    return DataFrame(found)
+    return DataFrame(levels)

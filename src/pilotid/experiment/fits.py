@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from itertools import combinations
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,18 +26,30 @@ from pilotid.choice import (
 )
 from pilotid.element_fit import chosen_element
 from pilotid.estimate.estimate import Estimate, Outcome, failed, is_at_bound
-from pilotid.estimate.fitted import Fitted, fit_all
+from pilotid.estimate.fitted import fit_all
 from pilotid.estimate.loops import Loops
 from pilotid.estimate.method import Method
-from pilotid.estimate.quantities import Quantity, spans_decade
-from pilotid.experiment.cross_validation import failed_rows, predict_left_out
-from pilotid.experiment.files import CONDITION, SUBJECT, Part, in_order
-from pilotid.experiment.performance import lines_shared, performance
-from pilotid.jobs import Loss, run_tasks
+from pilotid.estimate.quantities import frame_of, spans_decade
+from pilotid.experiment.cross_validation import predict_left_out
+from pilotid.experiment.files import CONDITION, SUBJECT, Part, alone
+from pilotid.experiment.performance import lines_shared, measured
+from pilotid.experiment.results import (
+    LEFT_OUT,
+    LEFT_OUT_COLUMNS,
+    LOOP,
+    MEASURED,
+    MODEL_COLUMNS,
+    PARAMETER,
+    Compared,
+    Group,
+    Results,
+    Settings,
+    group_of,
+)
+from pilotid.jobs import Loss, processors, run_tasks
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.fourier import first_step_of
-from pilotid.model.catalogue import MODELS, with_held
-from pilotid.model.element import ControlledElement
+from pilotid.model.catalogue import with_held
 from pilotid.model.model import PilotModel
 from pilotid.naming.code import code_digest, own_digest, packed, reason, unpacked
 from pilotid.naming.settings import plain
@@ -47,162 +61,10 @@ from pilotid.support.store import Rows
 from pilotid.support.terminal import with_bar
 from pilotid.support.types import InputError, one_line
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
 #: What a task gives back: plain objects, as JSON has them.
 Content = dict[str, Any]
-What = Literal["look", "fit", "left-out"]
-#: Recordings for which one model is chosen: their stratum and condition, or one file.
-Group = tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Settings:
-    """What is done to every recording.
-
-    Attributes
-    ----------
-    models, methods
-        Models that the user named, by name, and methods by their labels.
-    auto
-        Whether the catalogue's sensible models compete with them, and the best is fitted.
-    per_run, left_out
-        Whether every run is fitted on its own as well, and predicted by the fit of the others.
-    element
-        The controlled element, where the user names it.
-    seed
-        Seed of all random numbers.
-    pairs
-        What the user contrasts; conditions that differ in one factor if nothing.
-    factors
-        Level of each factor (columns) by condition; None for no factors.
-    keep_all
-        Whether estimates that are not determined, or wrong, count as well.
-    sensitivity
-        Whether each recording is fitted in other ways as well, see `variants`.
-    excluded
-        Recordings that the user leaves out.
-    ignored
-        Codes of remarks that the user does not want to see.
-    fix
-        Parameters that are held or bounded, see `pilotid.model.catalogue.with_held`.
-    reading
-        How files are read.
-    """
-
-    models: Mapping[str, PilotModel]
-    auto: bool
-    methods: Mapping[str, Method]
-    per_run: bool = False
-    left_out: bool = False
-    element: ControlledElement | None = None
-    seed: int = 0
-    pairs: Sequence[tuple[str, str]] = ()
-    factors: DataFrame | None = None
-    keep_all: bool = False
-    sensitivity: bool = False
-    excluded: Sequence[Part] = ()
-    ignored: frozenset[str] = frozenset()
-    fix: str | None = None
-    reading: Reading = field(default_factory=Reading)
-
-    @property
-    def known(self) -> dict[str, PilotModel]:
-        """All models that may be fitted, by name."""
-        every = {**MODELS, **self.models}
-        return {m.name: m for m in with_held(every.values(), self.fix)} if self.fix else every
-
-    def condition_pairs(self, conditions: Sequence[str]) -> list[tuple[str, str]]:
-        """The pairs of conditions that are contrasted."""
-        if self.pairs:
-            return [pair for pair in self.pairs if set(pair) <= set(conditions)]
-        every = list(combinations(in_order(conditions), 2))
-        if self.factors is None:
-            return every
-        levels = self.factors
-        own = [(a, b) for a, b in every if {a, b} <= {*levels.index}]
-        return [(a, b) for a, b in own if (levels.loc[a] != levels.loc[b]).sum() == 1]
-
-
-@dataclass(frozen=True)
-class Fit:
-    """What was fitted to a recording, to one run of it, or to all runs but one."""
-
-    part: Part
-    run: int | None
-    content: Content
-
-
-@dataclass(frozen=True, eq=False)
-class Fits:
-    """All that was done.
-
-    Attributes
-    ----------
-    settings
-        What was asked for.
-    looks
-        The recordings that could be read, and what a look at each gave.
-    choices
-        The model chosen for each group of recordings; None where all models were named.
-    compared
-        By stratum and conditions, the models in which these are compared, by condition, and whether
-        they suit all; empty where all models were named.
-    fits, left_out, varied
-        All fits, runs predicted by the fits of the others, and fits in other ways by their names.
-    refused
-        A sentence for each file that was left out.
-    """
-
-    settings: Settings
-    looks: Mapping[Part, Content]
-    choices: Mapping[Group, Choice]
-    compared: Mapping[tuple[Group, Group], tuple[Mapping[str, str], bool]]
-    fits: Sequence[Fit]
-    left_out: Sequence[Fit]
-    varied: Sequence[tuple[str, Fit]]
-    refused: Sequence[str]
-
-    @property
-    def fields(self) -> list[str]:
-        """The fields of the pattern."""
-        return [*dict(next(iter(self.looks)).fields)]
-
-    def models_of(self, part: Part) -> list[str]:
-        """The models that a recording's own table has."""
-        own = self.settings.models
-        return [self.choices[group_of(part)].model] if self.settings.auto else [*own]
-
-
-def group_of(part: Part) -> Group:
-    """The recordings that a recording is judged with: those of other subjects, else none."""
-    alone = () if part.field(SUBJECT) else (part.name,)
-    return (*part.stratum, part.field(CONDITION), *alone)
-
-
-def variants(
-    settings: Settings, look: Content
-) -> list[tuple[str, tuple[Reading, dict[str, Method]]]]:
-    """Other ways to fit a recording: how files are read, and by which methods, by name."""
-    if not settings.sensitivity:
-        return []
-    reading, methods = settings.reading, dict(settings.methods)
-    span = span_of(reading.span) if reading.span else (0.0, look["recording"]["duration"])
-    ends = [f"{time:.6g}" for time in (span[0], 0.5 * (span[0] + span[1]), span[1])]
-
-    def other(**changes: object) -> dict[str, Method]:
-        """The methods that have these settings, with other values."""
-        able = {k: m for k, m in methods.items() if changes.keys() <= vars(m).keys()}
-        return {k: replace(m, **changes) for k, m in able.items()}  # type: ignore[type-var]
-
-    return [
-        ("band 26 rad/s", (reading, other(band=26.0))),
-        ("remnant low-pass", (reading, other(noise=LowPass(2)))),
-        ("lead-in 3 s longer", (replace(reading, lead_in=reading.lead_in + 3.0), methods)),
-        ("first half", (replace(reading, span=":".join(ends[:2])), methods)),
-        ("second half", (replace(reading, span=":".join(ends[1:])), methods)),
-    ]
+#: Seconds that all fits of a model to a recording may take.
+TIME_LIMIT = 3600.0
 
 
 # ----------------------------------------------------------------------------------- tasks
@@ -217,26 +79,17 @@ class Task:
     key
         A digest of all that its content follows from: recording, settings and code.
     what
-        Look at a recording and compare models, fit a model, or fit one to all runs but one and
-        predict that one.
-    part, reading
-        The recording, and how files are read.
+        To `look` at a recording or to `fit` a model.
+    part
+        The recording.
     code
-        Models, methods (or whether models of the catalogue compete) and controlled element, see
-        `pilotid.naming.code.packed`.
-    seed
-        Seed of all random numbers.
-    run
-        Number of the run to take alone, or to leave out, from 1; None for all.
+        The other arguments, see `pilotid.naming.code.packed`.
     """
 
     key: str
-    what: What
+    what: Literal["look", "fit"]
     part: Part
-    reading: Reading
     code: bytes
-    seed: int
-    run: int | None = None
 
 
 #: A task, and what it gave or why there is nothing.
@@ -246,124 +99,127 @@ Answer = tuple[Task, Content | None, str]
 def perform(task: Task) -> Answer:
     """Do a task; whatever goes wrong is an answer."""
     try:
-        content = {"look": _look, "fit": _fit, "left-out": _leave_out}[task.what](task)
+        code = unpacked(task.code)
+        content = look(task.part, *code) if task.what == "look" else fit(task.part, *code)
         return task, json.loads(json.dumps(content)), ""
     except InputError as error:
         return task, None, str(error)
-    except MemoryError as error:
-        return _lost(task, f"{Outcome.OUT_OF_MEMORY.value} {one_line(str(error))}".strip())
     except Exception as error:
-        return _lost(task, one_line(reason(error)))
+        return task, None, f"{task.part.name}: {one_line(reason(error))}"
 
 
 def given_up(task: Task, loss: Loss, why: str) -> Answer:
     """The answer to a task whose process was lost."""
-    return _lost(task, f"{loss.value} ({why})")
+    return task, None, f"{task.part.name}: {loss.value} ({why})"
 
 
-def _lost(task: Task, why: str) -> Answer:
-    return task, None, f"{task.part.name}: {why}" if task.what == "look" else why
-
-
-def _look(task: Task) -> Content:
-    named, auto, element, fix = unpacked(task.code)
-    recording = task.part.recording(task.reading)
-    choice = chosen_element(recording, element)
-    candidates = default_candidates(recording) if auto else ()
-    models = {m.name: m for m in with_held((*candidates, *named), fix)}
+def look(part: Part, settings: Settings) -> Content:
+    """What a recording shows, what is wrong with it, and what it says for each model."""
+    recording = part.recording(settings.reading)
+    chosen = chosen_element(recording, settings.element)
+    candidates = default_candidates(recording) if settings.auto else ()
+    every = with_held((*candidates, *settings.models.values()), settings.fix)
+    models = list({model.name: model for model in every}.values())
     shared = filter(None, [lines_shared(recording)])
-    compared = compare_models(choice.named_in(recording), list(models.values()), task.seed)
+    signals = {
+        **dict.fromkeys(("otherwise", "model", "element"), ""),
+        **dict.fromkeys(("remarks", "loop_remarks"), ()),
+        **{"method": MEASURED, "outcome": MEASURED, "usable": True, "run": None},
+        "quantities": measured(recording),
+    }
     return {
-        "recording": recording.to_dict(),
-        "remarks": _graded([*remarks(recording), *shared, *choice.remarks]),
+        "runs": recording.runs,
+        "remarks": _graded([*remarks(recording), *shared, *chosen.remarks]),
         "fingerprints": list(fingerprints(recording)),
-        "candidates": [asdict(candidate) for candidate in compared],
-        "performance": [
-            [key, unit, values.tolist()] for key, (unit, values) in performance(recording).items()
+        "candidates": [
+            asdict(own) for own in compare_models(chosen.named_in(recording), models, settings.seed)
         ],
+        "estimates": [signals],
+        **dict.fromkeys(("left_out", "responses"), ()),
     }
 
 
-def candidates_of(look: Content) -> list[Candidate]:
-    """The models compared, from what a look at a recording gave."""
-    found = []
-    for held in look["candidates"]:
-        fields: Content = {k: tuple(v) if isinstance(v, list) else v for k, v in held.items()}
-        found.append(Candidate(**fields))
-    return found
+def fit(part: Part, model: PilotModel, settings: Settings) -> Content:
+    """Fits of a model to a recording, and if so asked to its runs, and in other ways."""
+    recording, methods = part.recording(settings.reading), dict(settings.methods)
+    runs = range(1, recording.runs + 1) if recording.runs > 1 else ()
+    single = [("", run, alone(recording, run), methods) for run in runs if settings.per_run]
+    ways: list[tuple[str, int | None, Recording, dict[str, Method]]]
+    ways = [("", None, recording, methods), *single]
+    for name, reading, some in variants(settings, recording.duration):
+        with suppress(InputError):  # half of the recording may be too short
+            ways.append((name, None, part.recording(reading), some))
+    estimates = []
+    for name, run, own, some in ways:
+        fitted = fit_all(own, model, some, settings.seed, chosen_element(own, settings.element))
+        for estimate, loops in zip_longest(fitted.estimates, fitted.loops):
+            estimates.append({"otherwise": name, "run": run, **_estimate(estimate, loops)})
+    predicted = [
+        {"run": run, **row}
+        for run in (runs if settings.left_out else ())
+        for row in predict_left_out(recording, model, methods, run, settings.seed)
+    ]
+    responses = _responses(recording, model)
+    return {"estimates": estimates, "left_out": predicted, "responses": responses}
 
 
-def _fit(task: Task) -> Content:
-    model, methods, element = unpacked(task.code)
-    recording = task.part.recording(task.reading, task.run)
-    fitted = fit_all(recording, model, methods, task.seed, chosen_element(recording, element))
-    return content_of(fitted) | {"responses": _responses(recording, model, task.run)}
+def variants(
+    settings: Settings, seconds: float
+) -> Iterator[tuple[str, Reading, dict[str, Method]]]:
+    """Other ways to fit a recording of so many seconds: name, how it is read, and methods."""
+    if not settings.sensitivity:
+        return
+    reading, methods = settings.reading, dict(settings.methods)
+    start, end = span_of(reading.span) if reading.span else (0.0, seconds)
+    middle = 0.5 * (start + end)
+    changes: dict[str, dict[str, Any]]
+    changes = {"band 26 rad/s": {"band": 26.0}, "remnant low-pass": {"noise": LowPass(2)}}
+    for name, change in changes.items():
+        able = {k: m for k, m in methods.items() if change.keys() <= vars(m).keys()}
+        yield name, reading, {k: replace(m, **change) for k, m in able.items()}  # type: ignore[type-var]
+    yield "lead-in 3 s longer", replace(reading, lead_in=reading.lead_in + 3.0), methods
+    yield "first half", replace(reading, span=f"{start:.6g}:{middle:.6g}"), methods
+    yield "second half", replace(reading, span=f"{middle:.6g}:{end:.6g}"), methods
 
 
-def _leave_out(task: Task) -> Content:
-    model, methods, _ = unpacked(task.code)
-    assert task.run is not None
-    fits = predict_left_out(task.part.recording(task.reading), model, methods, task.run, task.seed)
-    return {"model": model.name, "left_out": fits}
-
-
-def content_of(fitted: Fitted) -> Content:
-    """What tables and figures need of fits."""
-    element = fitted.loop_element
-    loops: Sequence[Loops | None] = fitted.loops or [None] * len(fitted.estimates)
-    return {
-        "model": fitted.model.name,
-        "element": element.element.name if element and element.element else "",
-        "estimates": [
-            {
-                "method": e.method,
-                "outcome": e.outcome.slug,
-                "usable": e.outcome.usable,
-                "vaf": e.vaf,
-                "remarks": _graded(e.remarks),
-                "parameters": _parameters(e),
-                "loops": _loops(own) if own else [],
-                "loop_remarks": _graded([*own.remarks, *own.notes]) if own else [],
-            }
-            for e, own in zip(fitted.estimates, loops, strict=True)
-        ],
-        "responses": [],
-    }
-
-
-def _parameters(estimate: Estimate) -> list[list[object]]:
-    """Key, unit, numbers, whether it is determined, and why not, of each quantity."""
-    ends = dict(zip(estimate.model.keys, is_at_bound(estimate.model, estimate.values), strict=True))
-    return [_row(q, "at its bound" if ends.get(q.key, False) else "") for q in estimate.quantities]
-
-
-def _loops(loops: Loops) -> list[list[object]]:
-    """The same of crossover, phase margin and effective delay, determined together."""
-    found: list[list[object]] = []
-    for loop in loops.shown:
+def _estimate(estimate: Estimate, loops: Loops | None) -> Content:
+    """What tables need of a fit."""
+    model, quantities = estimate.model, list[Content]()
+    ends = dict(zip(model.keys, is_at_bound(model, estimate.values), strict=True))
+    for row in frame_of(estimate.quantities).to_dict("records"):
+        why = "at its bound" if ends.get(row["parameter"], False) else "not determined"
+        kept = row["determined"] and why == "not determined"
+        quantities.append({"kind": PARAMETER, **row, LEFT_OUT: "" if kept else why})
+    for loop in loops.shown if loops else ():
         low, high = loop.crossover.interval
         known = low > 0.0 and not spans_decade(low, high)
-        quantities = (loop.crossover, loop.phase_margin, loop.effective_delay)
-        found += [_row(replace(q, determined=known)) for q in quantities]
-    return found
+        own = frame_of((loop.crossover, loop.phase_margin, loop.effective_delay))
+        own = own.assign(kind=LOOP, determined=bool(known))
+        own[LEFT_OUT] = "" if known else "not determined"
+        quantities += own.to_dict("records")
+    return {
+        "model": model.name,
+        "method": estimate.method,
+        "outcome": estimate.outcome.slug,
+        "usable": estimate.outcome.usable,
+        "vaf": estimate.vaf,
+        "element": loops.element.name if loops else "",
+        "remarks": _graded(estimate.remarks),
+        "loop_remarks": _graded([*loops.remarks, *loops.notes]) if loops else [],
+        "quantities": quantities,
+    }
 
 
-def _row(q: Quantity, why: str = "") -> list[object]:
-    why = why or ("" if q.determined else "not determined")
-    numbers = (q.value, q.std_error, q.lower, q.upper)
-    return [q.key, q.unit, *numbers, q.determined, why]
-
-
-def _responses(recording: Recording, model: PilotModel, run: int | None) -> list[list[object]]:
-    """Channel, frequency, real and imaginary part and error of each coefficient at the lines."""
-    found = first_step_of(recording, model) if run is None and not model.changes else None
+def _responses(recording: Recording, model: PilotModel) -> list[Content]:
+    """Coefficients at the forcing lines, with their errors."""
+    found = None if model.changes else first_step_of(recording, model)
     if found is None:
         return []
-    parts = zip(model.channels, found.value, found.std, strict=True)
+    names = ("omega", "real", "imag", "std")
     return [
-        [channel.name, *numbers]
-        for channel, value, error in parts
-        for numbers in np.transpose([found.omega, value.real, value.imag, error]).tolist()
+        {"channel": channel.name, **dict(zip(names, row, strict=True))}
+        for channel, values, errors in zip(model.channels, found.value, found.std, strict=True)
+        for row in np.column_stack([found.omega, values.real, values.imag, errors]).tolist()
     ]
 
 
@@ -372,85 +228,7 @@ def _graded(told: Iterable[str]) -> list[tuple[str, str, str]]:
     return [(r.code, str(r), r.grade) for r in map(remark_of, told)]
 
 
-def remarks_of(told: Iterable[Sequence[str]], ignored: frozenset[str]) -> list[Remark]:
-    """Remarks from what `Content` has of them, but those that the user ignores."""
-    return [Remark(*own) for own in told if own[0] not in ignored]  # type: ignore[arg-type]
-
-
-def _failed_content(task: Task, why: str) -> Content:
-    """The same of fits that a process was lost with: rows without numbers."""
-    model, methods, _ = unpacked(task.code)
-    if task.what == "left-out":
-        return {"model": model.name, "left_out": failed_rows(methods, Outcome.DIED.slug)}
-    estimates = tuple(failed(label, model, Outcome.DIED, why) for label in methods)
-    return content_of(Fitted(None, model, estimates))  # type: ignore[arg-type]
-
-
 # ------------------------------------------------------------------------------ all of them
-
-
-@dataclass(eq=False)
-class _Work:
-    """Where tasks are done: what is held, and what is refused meanwhile."""
-
-    store: Rows
-    workers: int | None
-    settings: Settings
-    refused: dict[str, None]
-    digests: dict[Part, str] = field(default_factory=dict)
-
-    def task(
-        self,
-        what: What,
-        part: Part,
-        content: tuple[object, ...],
-        run: int | None = None,
-        reading: Reading | None = None,
-    ) -> Task:
-        """A task with its key; files are read as the user says, or otherwise."""
-        seed = self.settings.seed
-        told = (what, run, plain(content), code_digest(content), seed, reading)
-        text = repr((self.digests[part], *told)).encode("utf-8", "replace")
-        key = hashlib.sha256(text).hexdigest()
-        how = reading or self.settings.reading
-        return Task(key, what, part, how, packed(content), seed, run)
-
-    def contents(self, tasks: Iterable[Task], what: str) -> dict[str, Content]:
-        """The contents of tasks by their keys; looks at recordings that failed are missing."""
-        every = {task.key: task for task in tasks}
-        held = {
-            key: content
-            for key, task in every.items()
-            if (content := self.store.get(dict, (key, task.what, task.run or 0))) is not None
-        }
-        todo = [task for key, task in every.items() if key not in held]
-        if not todo:
-            return held
-        workers = self.workers if self.workers is None else min(self.workers, len(todo))
-        answers = run_tasks(perform, todo, given_up, workers)
-        for task, content, why in with_bar(answers, what, len(todo)):
-            if content is not None:
-                held[task.key] = content
-                self.store.put((task.key, task.what, task.run or 0), content, again=True)
-            elif task.what == "look":
-                self.refused[why] = None
-            else:
-                held[task.key] = _failed_content(task, why)
-        return held
-
-    def looks(self) -> dict[Part, Content]:
-        """A look at each recording that can be read."""
-        settings = self.settings
-        named = (tuple(settings.models.values()), settings.auto, settings.element, settings.fix)
-        tasks = {part: self.task("look", part, named) for part in self.digests}
-        seen = self.contents(tasks.values(), "looking at recordings")
-        looks = {part: seen[task.key] for part, task in tasks.items() if task.key in seen}
-        copies = copies_among(
-            [part.name for part in looks], [look["fingerprints"] for look in looks.values()]
-        )
-        for place, look in enumerate(looks.values()):
-            look["remarks"] = [*_graded(copies.get(place, ())), *look["remarks"]]
-        return looks
 
 
 def fit_recordings(
@@ -459,7 +237,7 @@ def fit_recordings(
     folder: Path,
     workers: int | None = None,
     refused: Sequence[str] = (),
-) -> Fits:
+) -> Results:
     """Look at recordings, choose models, and fit everything; what is held is not done again.
 
     Parameters
@@ -474,72 +252,208 @@ def fit_recordings(
         Number of processes; None for one for each processor.
     refused
         A sentence for each file that was left out already.
+
+    Raises
+    ------
+    InputError
+        If no recording can be used.
     """
-    code, methods, element = own_digest(), dict(settings.methods), settings.element
+    refused, looks = [*refused], dict[Part, Content]()
+    # What follows from fits alone makes none of them another one.
+    whole = replace(
+        settings, pairs=(), factors=None, keep_all=False, excluded=(), ignored=frozenset()
+    )
+    pooled = replace(whole, per_run=False, left_out=False, sensitivity=False)
     with Rows(folder, create=True) as store:
-        work = _Work(store, workers, settings, dict.fromkeys(refused))
-        for part in parts:
-            try:
-                work.digests[part] = part.digest(settings.reading) + code
-            except InputError as error:
-                work.refused[str(error)] = None
-        looks = work.looks()
-        groups: dict[Group, list[Part]] = {}
+        tasks = [_task("look", part, replace(pooled, methods={})) for part in parts]
+        for part, content, why in _contents(store, tasks, "looking at recordings", workers):
+            if content is None:
+                refused.append(why)
+            else:
+                looks[part] = content
+        if not looks:
+            raise InputError("; ".join(refused))
+        _name_copies(looks)
+        choices, compared = _choices(looks, settings)
+        tasks = []
         for part in looks:
-            groups.setdefault(group_of(part), []).append(part)
-        held = {group: [candidates_of(looks[p]) for p in own] for group, own in groups.items()}
-        choices = {group: choose_model(own) for group, own in held.items()}
-        compared = _compared(groups, held, settings) if settings.auto else {}
-        found = Fits(settings, looks, choices, compared, (), (), (), ())
-        fits, left, varied = list[Task](), list[Task](), list[tuple[str, Task]]()
-        for part, look in looks.items():
-            count = int(look["recording"]["runs"])
-            runs = range(1, count + 1) if count > 1 else ()
-            own = found.models_of(part)
+            chosen = [choices[group_of(part)].model] if settings.auto else [*settings.models]
             pairs = [
                 models[part.field(CONDITION)]
                 for (stratum, _), (models, _) in compared.items()
                 if stratum == part.stratum and part.field(CONDITION) in models
             ]
-            for name in dict.fromkeys([*own, *pairs]):
-                fitted = (settings.known[name], methods, element)
-                fits.append(work.task("fit", part, fitted))
-                if settings.per_run and name in own:
-                    fits += [work.task("fit", part, fitted, run) for run in runs]
-                if settings.left_out and name in own:
-                    left += [work.task("left-out", part, (*fitted[:2], None), run) for run in runs]
-                for word, (reading, other) in variants(settings, look) if name in own else ():
-                    fitted = (settings.known[name], other, element)
-                    varied.append((word, work.task("fit", part, fitted, None, reading)))
-        told = work.contents([*fits, *(task for _, task in varied)], "fitting")
-        predicted = work.contents(left, "leaving runs out")
-        return replace(
-            found,
-            fits=[Fit(task.part, task.run, told[task.key]) for task in fits],
-            left_out=[Fit(task.part, task.run, predicted[task.key]) for task in left],
-            varied=[(word, Fit(task.part, None, told[task.key])) for word, task in varied],
-            refused=list(work.refused),
-        )
+            for name in dict.fromkeys([*chosen, *pairs]):
+                how = replace(whole if name in chosen else pooled, models={}, auto=False, fix=None)
+                tasks.append(_task("fit", part, settings.known[name], how))
+        fits = [(part, content) for part, content, _ in _contents(store, tasks, "fitting", workers)]
+    return _results(settings, looks, choices, compared, fits, refused)
 
 
-def _compared(
-    groups: Mapping[Group, Sequence[Part]],
-    held: Mapping[Group, list[list[Candidate]]],
-    settings: Settings,
-) -> dict[tuple[Group, Group], tuple[Mapping[str, str], bool]]:
-    """Models in which the conditions of a pair, or all that factors name, are compared."""
+def _task(what: Literal["look", "fit"], part: Part, *code: object) -> Task:
+    """A task with its key; models, methods and the element may be of the user's own code."""
+    told = (own_digest(), part.digest(), part, what, plain(code), code_digest(code))
+    key = hashlib.sha256(repr(told).encode("utf-8", "replace")).hexdigest()
+    return Task(key, what, part, packed(code))
+
+
+def _contents(
+    store: Rows, tasks: Sequence[Task], what: str, workers: int | None
+) -> Iterator[tuple[Part, Any, str]]:
+    """The recording and content of each task, in their order, or why there is none."""
+    found = {task.key: (store.get(dict, (task.key, task.what, 0)), "") for task in tasks}
+    todo = [task for task in tasks if found[task.key][0] is None]
+    if todo:
+        count = min(workers or processors(), len(todo))
+        answers = run_tasks(perform, todo, given_up, count, seconds=TIME_LIMIT)
+        for task, content, why in with_bar(answers, what, len(todo)):
+            found[task.key] = content, why
+            if content is not None:
+                store.put((task.key, task.what, 0), content, again=True)
+    for task in tasks:
+        content, why = found[task.key]
+        if content is None and task.what == "fit":  # rows without numbers
+            model, how = unpacked(task.code)
+            lost = [failed(name, model, Outcome.DIED, why) for name in how.methods]
+            rows = [{"otherwise": "", "run": None, **_estimate(own, None)} for own in lost]
+            content = {"estimates": rows, "left_out": [], "responses": []}
+        yield task.part, content, why
+
+
+def _name_copies(looks: Mapping[Part, Content]) -> None:
+    """Say of recordings whose runs are copies of those of another."""
+    prints = [content["fingerprints"] for content in looks.values()]
+    copies = copies_among([part.name for part in looks], prints)
+    for place, content in enumerate(looks.values()):
+        content["remarks"] = [*_graded(copies.get(place, ())), *content["remarks"]]
+
+
+def _choices(
+    looks: Mapping[Part, Content], settings: Settings
+) -> tuple[dict[Group, Choice], Compared]:
+    """The model of each group of recordings, and those in which conditions are compared."""
+    groups: dict[Group, list[list[Candidate]]] = {}
     strata: dict[Group, dict[str, Group]] = {}
-    for group, (part, *_) in groups.items():
-        if part.field(SUBJECT) and part.field(CONDITION):
-            strata.setdefault(part.stratum, {})[part.field(CONDITION)] = group
-    found: dict[tuple[Group, Group], tuple[Mapping[str, str], bool]] = {}
-    for stratum, conditions in strata.items():
+    for part, content in looks.items():
+        group, condition = group_of(part), part.field(CONDITION)
+        groups.setdefault(group, []).append(_candidates(content))
+        if part.field(SUBJECT) and condition:
+            strata.setdefault(part.stratum, {})[condition] = group
+    choices = {group: choose_model(own) for group, own in groups.items()}
+    compared = dict[tuple[Group, Group], tuple[Mapping[str, str], bool]]()
+    for stratum, conditions in strata.items() if settings.auto else ():
         sets: list[Group] = [*settings.condition_pairs(list(conditions))]
         if settings.factors is not None and set(settings.factors.index) <= set(conditions):
             sets.append(tuple(settings.factors.index))
         for own in sets:
-            candidates = {name: held[conditions[name]] for name in own}
-            models, suits = choose_jointly(candidates, settings.known)
+            those = {name: groups[conditions[name]] for name in own}
+            models, suits = choose_jointly(those, settings.known)
             # Of many conditions a model that does not suit them all serves no test.
-            found[stratum, own] = (models if suits or len(own) == 2 else {}, suits)
+            compared[stratum, own] = (models if suits or len(own) == 2 else {}, suits)
+    return choices, compared
+
+
+def _candidates(content: Content) -> list[Candidate]:
+    """The models compared, from what a look at a recording gave."""
+    found = []
+    for held in content["candidates"]:
+        fields: Content = {k: tuple(v) if isinstance(v, list) else v for k, v in held.items()}
+        found.append(Candidate(**fields))
     return found
+
+
+# ---------------------------------------------------------------------------------- frames
+
+
+def _kept(settings: Settings, told: Iterable[Sequence[str]]) -> list[Remark]:
+    """Remarks from what `Content` has of them, but those that the user ignores."""
+    return [Remark(*own) for own in told if own[0] not in settings.ignored]  # type: ignore[arg-type]
+
+
+def _wrong(settings: Settings, told: Iterable[Sequence[str]]) -> str:
+    """The first code of remarks that say not to use the numbers; empty if none does."""
+    if settings.keep_all:
+        return ""
+    return next((r.code for r in _kept(settings, told) if r.grade == "wrong"), "")
+
+
+def _quantities(settings: Settings, content: Content, estimate: Content) -> Iterator[Content]:
+    """Rows of the quantities of a fit, with why a value does not count."""
+    remarks = [*content["remarks"], *estimate["remarks"], *estimate["loop_remarks"]]
+    wrong = _wrong(settings, remarks)
+    names = ("otherwise", "run", "model", "method", "outcome", "element")
+    head = {name: estimate[name] for name in names}
+    for row in estimate["quantities"]:
+        out = wrong or ("" if settings.keep_all else row[LEFT_OUT])
+        if not estimate["usable"]:
+            out = estimate["outcome"]
+        elif not math.isfinite(row["value"]):
+            out = out or "no value"
+        own = _kept(settings, estimate["loop_remarks" if row["kind"] == LOOP else "remarks"])
+        said = " | ".join([*([f"not counted: {out}"] if out else []), *own])
+        yield {**head, **row, "remarks": said, LEFT_OUT: out}
+
+
+def _results(
+    settings: Settings,
+    looks: Mapping[Part, Content],
+    choices: Mapping[Group, Choice],
+    compared: Compared,
+    fits: Sequence[tuple[Part, Content]],
+    refused: Sequence[str],
+) -> Results:
+    """All frames: of looks at recordings, of fits, and of runs left out of them."""
+    from pandas import DataFrame
+
+    quantities, verdicts, predicted = list[Content](), list[Content](), list[Content]()
+    responses = dict[Part, list[Content]]()
+    heads = {part: {"file": part.name, **dict(part.fields)} for part in looks}
+    for part, found in [*looks.items(), *fits]:
+        content, choice = looks[part], choices[group_of(part)].model
+        for estimate in found["estimates"]:
+            chosen = not settings.auto or estimate["model"] in ("", choice)
+            quantities += [
+                {**heads[part], **row, "chosen": chosen}
+                for row in _quantities(settings, content, estimate)
+                if row["run"] is None or settings.per_run
+            ]
+            if estimate["method"] != MEASURED:
+                told = dict.fromkeys(_kept(settings, [*content["remarks"], *estimate["remarks"]]))
+                own = {"recording": part.words, "runs": content["runs"], "told": [*told]}
+                verdicts.append({**estimate, **own})
+        predicted += [{**heads[part], **row} for row in found["left_out"]]
+        if found["responses"] and not _wrong(settings, content["remarks"]):
+            place = {"stratum": " ".join(part.stratum), CONDITION: part.field(CONDITION)}
+            responses.setdefault(part, [{**place, **row} for row in found["responses"]])
+    models = [
+        {
+            **{**heads[part], **asdict(c)},
+            "chosen": "yes" if c.model == choices[group_of(part)].model else "no",
+            "freedom": c.freedom or None,
+            "chi_squared_per_freedom": c.excess,
+            "left_out_log_likelihood": sum(c.left_out_log_likelihood) or None,
+            "left_out_chi_squared": sum(c.left_out_chi_squared) or None,
+            "remarks": c.bounds,
+        }
+        for part, content in looks.items()
+        for c in _candidates(content)
+    ]
+    names = ["recording", "otherwise", "run", "runs", "model", "method", "vaf", "outcome", "told"]
+    first = [*next(iter(heads.values()))]
+    frame = DataFrame(quantities).astype({"run": "Int64"})
+    # Of a pilot who changes there is no loop, and nothing to show.
+    known = frame.groupby(["kind", "model", "parameter"])["value"].transform("count") > 0
+    return Results(
+        settings=settings,
+        parts=[*looks],
+        choices=choices,
+        compared=compared,
+        fits=DataFrame(verdicts)[names],
+        quantities=frame[known | (frame["kind"] != LOOP)].reset_index(drop=True),
+        models=DataFrame(models, columns=[*first, *MODEL_COLUMNS]),
+        left_out=DataFrame(predicted, columns=[*first, *LEFT_OUT_COLUMNS]),
+        responses=DataFrame([row for rows in responses.values() for row in rows]),
+        contrasts=DataFrame(),
+        factors=DataFrame(),
+        refused=refused,
+    )

@@ -7,10 +7,15 @@ than three runs it is what stands above the bins beside the line.  All the rest 
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 
+from pilotid.experiment.results import LEFT_OUT, MEASURED
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import known_lines
+from pilotid.support.numbers import LEVEL
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray, IntArray
 
@@ -50,6 +55,27 @@ def performance(recording: Recording) -> dict[str, tuple[str, FloatArray]]:
         if name == "u":
             found[SHARE] = "", rest / total
     return found
+
+
+def measured(recording: Recording) -> list[dict[str, Any]]:
+    """A row for each quantity, its mean over the runs, and a row for each of several runs."""
+    from scipy.special import stdtrit
+
+    rows = list[dict[str, Any]]()
+    for key, (unit, values) in performance(recording).items():
+        count, mean = len(values), float(np.mean(values))
+        error = float(np.std(values, ddof=1)) / math.sqrt(count) if count > 1 else math.nan
+        quantile = float(stdtrit(count - 1, 1.0 - 0.5 * LEVEL)) if error > 0.0 else math.nan
+        shared: dict[str, Any]
+        shared = {"kind": MEASURED, "parameter": key, "unit": unit}
+        shared |= {"determined": True, LEFT_OUT: ""}
+        whole = {"value": mean, "std_error": float(error)}
+        whole |= {"lower_95": mean - quantile * error, "upper_95": mean + quantile * error}
+        rows.append({**shared, **whole, "run": None})
+        single = values.tolist() if count > 1 else ()
+        unknown = dict.fromkeys(("std_error", "lower_95", "upper_95"), math.nan)
+        rows += [{**shared, **unknown, "value": v, "run": run} for run, v in enumerate(single, 1)]
+    return rows
 
 
 def lines_shared(recording: Recording) -> Remark | None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pilotid.estimate.draws import TAILS, Draws
-from pilotid.estimate.loops import COUNT, SampledLoop, sampled_loops
+from pilotid.estimate.loops import COUNT, Loop, sampled_loops
 from pilotid.estimate.quantities import PosteriorQuantity, combined_by_draws, sampled
 from pilotid.likelihood.prediction import predict
 from pilotid.model.element import ControlledElement
@@ -137,28 +136,26 @@ def vafs(recording: Recording, model: PilotModel, values: FloatArray) -> FloatAr
 
 def _margins(
     draws: Draws, model: PilotModel, element: ControlledElement
-) -> Sequence[PosteriorQuantity]:
-    quantities = []
-    for loop in _sampled(draws, model, element):
-        quantities += [
-            sampled(f"{loop.loop.name} {what}", unit, values)
-            for what, unit, values in (
-                ("crossover", "rad/s", loop.crossover),
-                ("phase margin", "deg", loop.phase_margin),
-            )
-            if values.size
-        ]
-    return quantities
+) -> list[PosteriorQuantity]:
+    return [
+        replace(quantity, key=f"{loop.name} {what}")
+        for loop in _sampled(draws, model, element)
+        for what, quantity in (
+            ("crossover", loop.crossover),
+            ("phase margin", loop.phase_margin),
+        )
+        if isinstance(quantity, PosteriorQuantity)
+    ]
 
 
 def loop_notes(draws: Draws, model: PilotModel, element: ControlledElement) -> list[str]:
     """What should be known of the loops' margins over draws, a sentence each."""
     if model.no_loop:
         return [model.no_loop]
-    return [note for loop in _sampled(draws, model, element) for note in loop.loop.notes]
+    return [note for loop in _sampled(draws, model, element) for note in loop.notes]
 
 
-def _sampled(draws: Draws, model: PilotModel, element: ControlledElement) -> list[SampledLoop]:
+def _sampled(draws: Draws, model: PilotModel, element: ControlledElement) -> list[Loop]:
     count = len(model.parameters)
     sets = draws.thinned(COUNT)[:, :count]
     return sampled_loops(model, draws.centre[:count], sets, element)
