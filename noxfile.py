@@ -72,9 +72,10 @@ def bench(session: nox.Session) -> None:
 
 @nox.session
 def check(session: nox.Session) -> None:
-    """Long comparisons: `-- mle`, `-- sbc`, ...; without a name it lists them."""
+    """Long comparisons: `-- mle`, `-- theory`, `-- sbc`, ...; without a name it lists them."""
     scripts = {
         "mle": "mle_against_bound.py",
+        "theory": "theory_against_monte_carlo.py",
         "front": "front.py",
         "sbc": "sbc.py",
         "posteriors": "posteriors.py",

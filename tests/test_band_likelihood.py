@@ -274,9 +274,8 @@ def test_a_part_of_the_frequencies_is_biased_without_the_loop() -> None:
         """To first order, in standard errors: of direct prediction errors, for tdvest."""
         view = View(experiment_of(scenario), band)
         circulation = view.circulation
-        rows = view.gradient(view.omega, circulation.error, circulation.output)
-        forced = view.gradient(view.line_omega, view.line_error, view.line_output)
-        forced = forced / np.sqrt(view.at_lines.density)
+        rows = view.gradient(view.omega, circulation.error, circulation.output, scenario.values)
+        forced = view.line_rows(scenario.values)[:-1] / np.sqrt(view.at_lines.density)
         information = view.samples * view.products(rows, rows)
         information += 0.5 * scenario.duration / scenario.dt * (forced @ forced.conj().T).real
         # The prediction error is a unit of remnant; what the loop's term takes off is this score.

@@ -50,7 +50,7 @@ def test_the_start_of_the_model_plays_no_part() -> None:
 
 
 def test_a_global_search_does_not_mend_the_bias() -> None:
-    # In the limit white likelihood scatters by 21 % in tdvest and claims 4 %.
+    # docs/theory/white.md: the limit of white likelihood in tdvest is 21 %, of its claim 4 %.
     index = MULTI.keys.index("tdvest")
     estimates = monte_carlo(MLEGenetic(), NOMINAL, 6)
     found = np.array([e.values[index] for e in estimates]) / NOMINAL.values[index] - 1.0

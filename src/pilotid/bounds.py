@@ -1,8 +1,10 @@
-"""What an estimator can reach, from exact closed-loop spectra.
+"""What an estimator can reach and where it goes wrong, from exact closed-loop spectra.
 
-No simulation: the Cramer-Rao bound is the inverse of the Fisher information of the whitened
-prediction error (Ljung, System Identification, 2nd ed., ch. 8, 9 and 13).  It holds for long
-recordings; edges, transients and the skewness of short ones are for Monte Carlo to show.
+No simulation: the Cramer-Rao bound is the inverse of the Fisher information of the
+whitened prediction error, and an estimator that takes the residual for white is described
+by the minimum of its expected cost and by the sandwich covariance there (Ljung, System
+Identification, 2nd ed., ch. 8, 9 and 13).  All of it holds for long recordings; edges,
+transients and the skewness of short ones are for Monte Carlo to show.
 
 Spectra are normalised so that sampled white noise of variance s^2 has density s^2: a variance is
 the mean of a density from 0 to half the sampling rate.
@@ -17,8 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.model.model import PilotModel
-from pilotid.solve.covariance import covariance_of
-from pilotid.support.types import ComplexArray, FloatArray
+from pilotid.solve.covariance import covariance_of, hessian, sandwich_of
+from pilotid.solve.least_squares import minimise
+from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 GRID = 8192  # steps of the frequency grid on which densities are integrated
 
@@ -126,11 +129,56 @@ class View:
         return np.asarray(2.0 * (first.real * self.weights) @ second.real.T)
 
     def gradient(
-        self, omega: FloatArray, error: ComplexArray, output: ComplexArray
+        self, omega: FloatArray, error: ComplexArray, output: ComplexArray, values: FloatArray
     ) -> ComplexArray:
         """Derivatives of the predicted control for these inputs, shape (parameters, n)."""
-        own = self.experiment
-        return gradient_of(own.model, omega, error, output, own.values)
+        return gradient_of(self.experiment.model, omega, error, output, values)
+
+    def missed(
+        self, omega: FloatArray, error: ComplexArray, output: ComplexArray, values: FloatArray
+    ) -> ComplexArray:
+        """What the true pilot answers to these inputs less the predicted answer, shape (n,)."""
+        model, truth = self.experiment.model, self.experiment.values
+        difference = model.response(omega, truth) - model.response(omega, values)
+        return np.asarray(np.sum(difference * _signed(model, error, output), axis=0))
+
+    def remnant_rows(
+        self, omega: FloatArray, circulation: Circulation, values: FloatArray
+    ) -> ComplexArray:
+        """Gradient of the prediction and, last, the residual, for each unit of remnant."""
+        given = omega, circulation.error, circulation.output, values
+        return np.vstack([self.gradient(*given), 1.0 + self.missed(*given)])
+
+    def line_rows(self, values: FloatArray) -> ComplexArray:
+        """Phasors, at the lines, of the gradient of the prediction and, last, the residual."""
+        given = self.line_omega, self.line_error, self.line_output, values
+        return np.vstack([self.gradient(*given), self.missed(*given)])
+
+    def mean_products(self, values: FloatArray) -> FloatArray:
+        """Expected products of the gradient's and the residual's samples, after decimation."""
+        free = self.remnant_rows(self.omega, self.circulation, values)
+        free = free * np.sqrt(self.share * self.circulation.density)
+        forced = self.line_rows(values)
+        return np.asarray(self.products(free, free) + 0.5 * np.real(forced @ forced.conj().T))
+
+    def score_covariance(self, values: FloatArray) -> FloatArray:
+        """Long-run covariance of gradient times residual, for a Gaussian remnant.
+
+        The fourth moments of the circulating remnant follow from its second ones
+        (Isserlis); a line's phasors multiply what the remnant does at its frequency.
+        """
+        free = self.remnant_rows(self.omega, self.circulation, values)
+        direct = self.share * self.circulation.density * np.abs(free[-1]) * free[:-1]
+        crossed = self.share * self.circulation.density * free[-1].conj() * free[:-1]
+        forced = self.line_rows(values)
+        free = self.remnant_rows(self.line_omega, self.at_lines, values)
+        mixed = forced[:-1].conj() * free[-1] + forced[-1].conj() * free[:-1]
+        mixed = mixed * np.sqrt(0.5 * self.share * self.at_lines.density)
+        return np.asarray(
+            self.products(direct, direct)
+            + self.products(crossed, crossed.conj())
+            + np.real(mixed @ mixed.conj().T)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,14 +196,17 @@ class Bounds:
         lines only see it, the remnant's spectrum known.
     low_pass
         All of the record, with the remnant's own parameters estimated too.
+    autoregressive
+        All of the record, with autoregressive coefficients of the remnant estimated too.
     """
 
     full: FloatArray
     forcing: FloatArray
     low_pass: FloatArray
+    autoregressive: FloatArray
 
 
-def bounds(*experiments: Experiment, band: float | None = None) -> Bounds:
+def bounds(*experiments: Experiment, band: float | None = None, order: int = 8) -> Bounds:
     """Cramer-Rao bounds, of several experiments with one pilot together.
 
     Recordings have independent remnants, so that their informations add up, whatever the lines,
@@ -171,20 +222,28 @@ def bounds(*experiments: Experiment, band: float | None = None) -> Bounds:
         The loops and their excitation, at least one.
     band
         What lies above this frequency [rad/s] is not used; None for the whole record.
+    order
+        Number of the autoregressive coefficients, at the sampling rate of the band.
     """
-    each = [own.runs * _informations(own, band) for own in experiments]
+    each = [own.runs * _informations(own, band, order) for own in experiments]
     return Bounds(*map(_inverse, np.sum(each, axis=0)))
 
 
-def _informations(experiment: Experiment, band: float | None) -> FloatArray:
-    """Information of one run: in the order of `Bounds`, shape (3, parameters, parameters)."""
+def _informations(experiment: Experiment, band: float | None, order: int) -> FloatArray:
+    """Information of one run: in the order of `Bounds`, shape (4, parameters, parameters)."""
     view = View(experiment, band)
     circulation = view.circulation
-    gradient = view.gradient(view.omega, circulation.error, circulation.output)
+    gradient = view.gradient(view.omega, circulation.error, circulation.output, experiment.values)
     forcing = _forcing_information(view)
     full = forcing + view.samples * view.information(gradient, gradient)
+
+    factor, _ = monic(0.5 * np.log(circulation.density), 2 * GRID)
+    delays = np.exp(-1j * np.pi / view.band * np.outer(np.arange(1, order + 1), view.omega))
+    by_coefficient = -delays * np.exp(factor)
+
     low_pass = full - view.samples * nuisance_share(view, gradient)
-    return np.array([full, forcing, low_pass])
+    autoregressive = full - view.samples * _taken(view, gradient, by_coefficient)
+    return np.array([full, forcing, low_pass, autoregressive])
 
 
 def nuisance_share(view: View, gradient: ComplexArray) -> FloatArray:
@@ -200,14 +259,79 @@ def nuisance_share(view: View, gradient: ComplexArray) -> FloatArray:
         Derivatives of the predicted control for each unit of remnant, (parameters, n).
     """
     by_shape, _ = monic(0.5 * view.circulation.log_slopes, 2 * GRID)
-    cross = view.information(gradient, by_shape)
-    return np.asarray(cross @ np.linalg.solve(view.information(by_shape, by_shape), cross.T))
+    return _taken(view, gradient, by_shape)
+
+
+def _taken(view: View, gradient: ComplexArray, nuisance: ComplexArray) -> FloatArray:
+    cross = view.information(gradient, nuisance)
+    return np.asarray(cross @ np.linalg.solve(view.information(nuisance, nuisance), cross.T))
+
+
+@dataclass(frozen=True, eq=False)
+class WhiteLimit:
+    """Output error with a residual taken for white, in the limit of a long recording.
+
+    Attributes
+    ----------
+    values
+        Where the estimate goes, shape (parameters,).
+    bias
+        The same less the truth.
+    claimed
+        The covariance that the method reports, shape (parameters, parameters).
+    sandwich
+        The covariance that it has.
+    """
+
+    values: FloatArray
+    bias: FloatArray
+    claimed: FloatArray
+    sandwich: FloatArray
+
+
+def white_limit(experiment: Experiment, band: float | None = None) -> WhiteLimit:
+    """Bias, claimed covariance and true covariance of output error with a white residual.
+
+    The minimum is the one that is reached from the truth.
+
+    Parameters
+    ----------
+    experiment
+        The loop and its excitation, which must be periodic.
+    band
+        Analysis band [rad/s]; None for the full sampling rate.
+
+    Raises
+    ------
+    InputError
+        If the excitation is not periodic: a single transient has no limit for long
+        recordings, since its share of the record vanishes.
+    """
+    if experiment.transient is not None:
+        raise InputError("the limit of long recordings needs a periodic excitation, not a step")
+    view = View(experiment, band)
+
+    def gram(sets: FloatArray) -> FloatArray:
+        return np.array([view.mean_products(values) for values in sets])
+
+    end = minimise(gram, experiment.values[None], experiment.model, tolerance=1e-13, iterations=300)
+    values, terms = end.values[0], end.gram[0]
+    claimed = _inverse(view.samples * terms[:-1, :-1] / terms[-1, -1])
+    sandwich = sandwich_of(hessian(gram, values), view.score_covariance(values) / view.samples)
+    if not end.converged[0] or sandwich is None:
+        raise InputError("the expected cost has no proper minimum near the true parameters")
+    return WhiteLimit(
+        values,
+        values - experiment.values,
+        claimed / experiment.runs,
+        sandwich / experiment.runs,
+    )
 
 
 def _forcing_information(view: View) -> FloatArray:
     """Information of one run's response to the forcing functions."""
     experiment = view.experiment
-    phasors = view.gradient(view.line_omega, view.line_error, view.line_output)
+    phasors = view.gradient(view.line_omega, view.line_error, view.line_output, experiment.values)
     whitened = phasors / np.sqrt(view.at_lines.density)
     information = 0.5 * experiment.samples * np.real(whitened @ whitened.conj().T)
     if experiment.transient is None:
@@ -309,9 +433,9 @@ def line_information(
     """
     view = View(experiment, None)
     circulation = view.circulation
-    free = view.gradient(view.omega, circulation.error, circulation.output)
+    free = view.gradient(view.omega, circulation.error, circulation.output, experiment.values)
     base = view.samples * (view.information(free, free) - nuisance_share(view, free))
-    phasors = view.gradient(omega, error, output)
+    phasors = view.gradient(omega, error, output, experiment.values)
     phasors = phasors / np.sqrt(experiment.circulation(omega).density / experiment.samples)
     phasors = np.where(omega < view.band, phasors, 0.0)
     factors = np.stack([phasors.real.T, phasors.imag.T], axis=-1)
