@@ -207,7 +207,7 @@ def test_the_limit_is_stationary_in_recordings_and_its_scores_have_the_covarianc
     shifts = []
     for i in range(replications):
         recording = simulate(scenario, recording_rng(5, scenario.name, i))
-        problem = Likelihood(replace(predict(recording, MULTI), terms=()))
+        problem = Likelihood(replace(predict(recording, MULTI), nuisance_poles=()))
         gram = problem.gram(limit.values[None])[0]
         shifts.append(np.linalg.solve(curvature, gram[:-1, -1]) / problem.residuals)
     scatter = np.sqrt(np.diag(limit.sandwich))
