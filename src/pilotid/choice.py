@@ -424,7 +424,7 @@ def choose_model(recordings: Sequence[Sequence[Candidate]]) -> Choice:
 
 
 class _Judged:
-    """PilotCheck on the recordings of one condition: what each leaves above the best."""
+    """Candidates on the recordings of one condition: what each leaves above the best."""
 
     def __init__(self, recordings: Sequence[Sequence[Candidate]]) -> None:
         names = [c.model for c in recordings[0]]
