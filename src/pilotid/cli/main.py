@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import inspect
 import sys
-import tempfile
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -40,7 +39,7 @@ from pilotid.support.disk import (
 from pilotid.support.format import Line, show
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
 from pilotid.support.remarks import OF_STICK, codes_in
-from pilotid.support.terminal import make_console, show_page, show_warning, with_bar
+from pilotid.support.terminal import make_console, show_warning, with_bar
 from pilotid.support.types import InputError, one_line
 
 #: What `list` shows first; all else is under "more".
@@ -172,17 +171,15 @@ def fit(
     joint: bool = False,
     element: str | None = None,
     fix: str | None = None,
-    start: str | None = None,
     seed: int = DEFAULT_SEED,
     ignore: list[str] | None = None,
-    plot: bool = False,
     json: str | None = None,
     report: Path | None = None,
     force: bool = False,
 ) -> None:
     """Identify a pilot model from recordings."""
     plant, ignored = element_named(element) if element else None, codes_in(ignore or ())
-    models, methods = options.models_of(model, fix, start), options.methods_of(method, ["mle"])
+    models, methods = options.models_of(model, fix), options.methods_of(method, ["mle"])
     options.require_free(files, json, report, force=force)
     recordings, refused = reading.all(files, joint=joint)
     fits: list[Fitted] = []
@@ -191,7 +188,7 @@ def fit(
         refused += why.values()
         able = [m for m in models if m.name not in why]
         if able or not models:
-            fits += _fitted(recording, able, fix, start, methods, seed, plant)
+            fits += _fitted(recording, able, fix, methods, seed, plant)
     if not fits:
         options.raise_refused(refused)
     fits = [fitted.without(ignored) for fitted in fits] if ignored else fits
@@ -205,8 +202,6 @@ def fit(
             if scenario := fitted_scenario(fitted):
                 entry["scenario"] = scenario
     printed = options.write_json(json, entries)
-    if plot and report is None:
-        report = Path(tempfile.mkdtemp(prefix="pilotid-")) / "report.html"
     if report is not None:
         page = html_report(fits)
         write_file(report, page.encode("utf-8", "replace"))
@@ -216,8 +211,6 @@ def fit(
         show(console, *[""] * (number > 0))
         print_fit(fitted, console, said)
         said |= {remark.code for remark in fitted.graded} & set(OF_STICK)
-    if plot and report is not None:
-        show_page(report, make_console(errors=printed))
     options.raise_refused(refused)
 
 
@@ -225,7 +218,6 @@ def _fitted(
     recording: Recording,
     named: Sequence[PilotModel],
     fix: str | None,
-    start: str | None,
     methods: Mapping[str, Method],
     seed: int,
     plant: ControlledElement | None,
@@ -242,7 +234,7 @@ def _fitted(
     from pilotid.choice import select
 
     found = select(choice.named_in(recording), named, seed, fix)
-    models = named or [options.with_start(found.model, start)]
+    models = named or [found.model]
     first, *rest = [fit_all(recording, model, methods, seed, choice) for model in models]
     compared = tuple(candidate.to_dict() for candidate in found.candidates)
     return [replace(first, choice=found.reason, compared=compared), *rest]

@@ -43,7 +43,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "element": ("15/s^2", "Controlled element; else the file's, or what u and x show."),
     # Models, methods and scenarios.
     "model": ("NAME|auto", "Pilot model: single, multi, file.py:NAME; auto takes the best."),
-    "check model": ("NAME,...", "Models of which is told what methods can do."),
     "method": ("NAME", "Method: 'arx(memory=none)', file.py:CLASS; repeat, use commas, or all."),
     "compare method": ("[LABEL=]NAME", "Method, as for fit; LABEL=NAME gives it a label."),
     "scenario": ("NAME", "'nominal(runs=3)', file.py:NAME; repeat, use commas, or say all."),
@@ -52,7 +51,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "design scenario": ("[SCENARIO]", "Pilot, loop, remnant and reference forcing; else nominal."),
     "like": ("FILE", "The scenario of a recording as mle fits it, or of a trust.json."),
     "fix": ("fnm=12,dnm=.1..0.5", "Parameters held at a value, or searched between others."),
-    "start": ("Kvis=0.2,tlead=1.5", "Initial guesses."),
     # Work and results.
     "seed": ("", "Seed of all random numbers."),
     "workers": ("", "Processes; default: one for each processor."),
@@ -60,7 +58,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "simulate out": ("F.csv", "Recording to write, .csv, .mat or .npz."),
     "force": ("", "Write over files that are there already."),
     "ignore": ("CODE", "Code of a warning that is left out; repeat, or use commas."),
-    "plot": ("", "Open the report in a browser, or say where it is."),
     "json": ("F.json|-", "Write the results as JSON; - prints."),
     "report": ("F.html", "Write a report with figures."),
     "simulate runs": ("", "Runs, each with its own remnant."),
@@ -172,16 +169,11 @@ def numbers_in(option: str, text: str) -> dict[str, float]:
         raise InputError(f"{option} {text}: is not PARAMETER=NUMBER,..., as in tlead=1.5") from None
 
 
-def models_of(text: str, fix: str | None, start: str | None) -> list[PilotModel]:
+def models_of(text: str, fix: str | None) -> list[PilotModel]:
     """The models that an option names, with parameters held and initial guesses; none for auto."""
     names = [] if text == AUTO else split_list(text) or [text]
     models = [model_named(name) for name in dict.fromkeys(names)]
-    return [with_start(model, start) for model in with_held(models, fix)] if models else []
-
-
-def with_start(model: PilotModel, text: str | None) -> PilotModel:
-    """A model with the initial guesses of a text such as ``Kvis=0.2,tlead=1.5``."""
-    return model.with_start(numbers_in("--start", text)) if text else model
+    return with_held(models, fix) if models else []
 
 
 def selected_model(recording: Recording, name: str, seed: int) -> PilotModel:

@@ -17,7 +17,7 @@ from pilotid.recording.files import Reading, load_recording, read_with
 from pilotid.support import disk
 from pilotid.support.format import Line, show, table
 from pilotid.support.numbers import DEFAULT_SEED
-from pilotid.support.terminal import make_console, show_page, with_bar
+from pilotid.support.terminal import make_console, with_bar
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
@@ -48,7 +48,6 @@ def compare(
     retry_failed: bool = False,
     people: str | None = None,
     imported: Path | None = None,
-    plot: bool = False,
     force: bool = False,
     out: Path = Path("results/compare"),
 ) -> None:
@@ -105,7 +104,7 @@ def compare(
         results = study.run(store, pending, workers, scheduler, time_limit or None)
         for _ in with_bar(results, "fits", len(pending)):
             pass
-        _finish(out, store, plot=plot)
+        _finish(out, store)
         if profile == "paper" and not (scenario or method):
             from pilotid.report.paper import write_paper
             from pilotid.study.paper import fit_trials
@@ -142,7 +141,7 @@ def report(folder: Path) -> None:
         _finish(folder, store)
 
 
-def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
+def _finish(folder: Path, store: Store) -> None:
     from pilotid.report.study import overview, write_report
 
     study = store.comparison()
@@ -150,8 +149,6 @@ def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
     path = write_report(folder, study)
     words, losses, rankings = overview(study)
     show(make_console(), *losses, *(own.table for own in rankings), *words, f"report: {path}")
-    if plot:
-        show_page(path, make_console())
 
 
 def compare_studies(first: Path, second: Path) -> None:

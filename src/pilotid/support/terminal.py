@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pilotid.support.types import one_line
@@ -42,19 +40,6 @@ def print_table(console: Console, table: RenderableType) -> None:
     console.file.write("\n".join(lines).strip("\n") + "\n")
 
 
-def show_page(page: Path, console: Console) -> None:
-    """Open a page in a browser; where there is no display or browser, say where the page is."""
-    shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    if not sys.platform.startswith("linux") or shown:
-        import webbrowser
-
-        with suppress(webbrowser.Error):
-            if webbrowser.open(page.absolute().as_uri()):
-                return
-    console.print(f"open in a browser: {page.absolute()}", soft_wrap=True)
-
-
-@contextmanager
 def share_bar(what: str) -> Iterator[Callable[[float], None]]:
     """A bar on standard error, if that is a terminal, that is told the share that is done."""
     from rich.progress import Progress
