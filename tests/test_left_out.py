@@ -69,7 +69,7 @@ def test_every_run_is_predicted_by_the_others(recording: Recording) -> None:
     vaf = found["vaf"]
     assert isinstance(vaf, float)
     assert 40.0 < vaf < 100.0
-    assert math.isnan(float(str(found["halves_z"])))
+    assert "halves_z" not in found  # a matter of the first run
 
 
 @pytest.mark.numerical
@@ -93,7 +93,7 @@ def test_methods_are_ranked_by_pairs_of_runs() -> None:
     assert [*found["method"]] == ["good", "bad", "lost"]
     assert [*found["failed"]] == [0, 0, 3]
     good, bad, lost = found.itertuples()
-    assert (good.behind, good.vaf) == (0.0, 80.0)
+    assert (good.behind, good.vaf_mean) == (0.0, 80.0)
     assert (good.halves_percent, good.halves_z) == (2.0, 1.0)
     assert (bad.behind, bad.behind_error) == pytest.approx((-5.0, 1.0 / math.sqrt(3.0)))
     assert math.isnan(lost.behind)
