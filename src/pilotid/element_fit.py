@@ -31,6 +31,10 @@ from pilotid.support.types import FloatArray
 LARGEST = 1e100  # of a gain, whose square must not overflow
 #: Where loops cross over [rad/s].
 OMEGA = np.geomspace(0.5, 6.0, 40)
+CHANGES = "it changes within a run"
+ADVICE = (
+    "it may change within a run, a disturbance may be missing, or a name or a sign may be wrong"
+)
 #: Origins of an element.
 GIVEN, FILE, SIGNALS = "given", "recording", "identified"
 
@@ -42,19 +46,16 @@ class IdentifiedElement:
     Attributes
     ----------
     element
-        With numbers of four digits and a name that `element_named` reads; None if there is
-        nothing to tell it from.
+        With numbers rounded to their errors and a name that `element_named` reads; None if
+        there is nothing to tell it from.
     explained
         Share of the power of x [%] that it explains, up to 25 rad/s.
-    response_error
-        Largest relative standard error of its frequency response from 0.5 to 6 rad/s.
     remark
         What speaks against it, in a sentence; empty if nothing does.
     """
 
     element: ControlledElement | None
     explained: float = float("nan")
-    response_error: float = float("nan")
     remark: str = ""
 
     @property
@@ -66,25 +67,23 @@ class IdentifiedElement:
 @remembered
 def identified_element(recording: Recording) -> IdentifiedElement:
     """The controlled element of a recording, by its signals alone."""
-    if not np.ptp(recording.window(recording.x), axis=1).any():
-        return IdentifiedElement(None, remark="x does not move")
-    if not 1.0 / LARGEST < spectra_in_window(recording).gain < LARGEST:
+    part = slice(recording.run_in, None)
+    control, output = recording.u[:, part], recording.x[:, part]
+    given = control if recording.fd is None else control + recording.fd[:, part]
+    for name, signal in (("x", output), ("u + fd", given)):
+        if not np.ptp(signal, axis=1).any():
+            return IdentifiedElement(None, remark=f"{name} does not move")
+    spectra = spectra_in_window(recording)
+    if not 1.0 / LARGEST < spectra.gain < LARGEST:
         return IdentifiedElement(None, remark="no unit explains the sizes of u and x")
     fits = fits_of(recording)
     if not fits:
         return IdentifiedElement(None, remark="no form of element suits control and output")
     chosen = simplest([fit for fit in fits if _is_steerable(fit)] or fits)
     error = float(chosen.form.response_error(chosen.values, chosen.covariance, OMEGA).max())
-    values = chosen.values.copy()
-    if values[-1] <= math.sqrt(chosen.covariance[-1, -1]):
-        values[-1] = 0.0  # a delay below zero is one between the recorder's channels
-    element = chosen.form.element(values)
-    return IdentifiedElement(
-        element,
-        chosen.explained,
-        error,
-        _remark(element, chosen.explained, error),
-    )
+    element = chosen.form.element(*rounded(chosen.values, chosen.covariance))
+    remark = _remark(element, chosen.explained, error)
+    return IdentifiedElement(element, chosen.explained, remark)
 
 
 def _is_steerable(fit: FormFit) -> bool:
@@ -102,12 +101,50 @@ def _is_steerable(fit: FormFit) -> bool:
     return bool(np.all(z + p <= ELEMENT.sensitivity * np.abs(z - p)))
 
 
+def rounded(values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, tuple[int, ...]]:
+    """Numbers with no more digits than their errors allow.
+
+    One after the other, from the last on, is rounded as far as its standard error goes; those
+    before it move along as their correlation asks, so that the whole stays as likely.
+
+    Returns
+    -------
+    The values, of which the last, the delay, is not negative, and the decimals of each.
+    """
+    new, left = values.copy(), covariance.copy()
+    digits = [0] * len(new)
+    for i in reversed(range(len(new))):
+        error = float(np.sqrt(max(left[i, i], 0.0)))
+        value = float(new[i])
+        delay = i == len(new) - 1
+        if delay and value <= error:
+            goal, digits[i] = 0.0, 0
+        else:
+            goal, digits[i] = _short(value, error)
+        # The offset between channels is no part of the element, and stays where it is.
+        if left[i, i] > 0.0 and not (delay and value < 0.0):
+            new[:i] += left[:i, i] / left[i, i] * (goal - value)
+        if left[i, i] > 0.0:
+            left[:i, :i] -= np.outer(left[:i, i], left[:i, i]) / left[i, i]
+        new[i] = goal
+    return new, tuple(digits)
+
+
+def _short(value: float, error: float) -> tuple[float, int]:
+    """The shortest number within an error, and its decimals (negative before the point)."""
+    first = -math.floor(math.log10(abs(value))) if value else 0
+    for decimals in range(first, first + 8):
+        goal = round(value, decimals)
+        if goal and abs(goal - value) <= error:
+            return goal, decimals
+    return round(value, first + 7), first + 7
+
+
 def _remark(element: ControlledElement, explained: float, error: float) -> str:
     if explained < ELEMENT.sound:
         return (
             "control and output follow no one controlled element: the best of low order explains "
-            f"{explained:.0f} % of x; it may change within a run (--span), a disturbance may be "
-            "missing, or a name or a sign may be wrong"
+            f"{explained:.0f} % of x; {ADVICE}"
         )
     if error > ELEMENT.known:
         return (
@@ -162,8 +199,11 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
     for element, origin in ((given, GIVEN), (named, FILE), (shown, SIGNALS)):
         if element is not None:
             return ElementChoice(element, origin, identified=found, remarks=tuple(told))
-    why = fault.sentence if fault else f"{found.remark}; name it, for example --element 4/s^2"
-    return ElementChoice(why=f"no loops: {why}", identified=found, remarks=tuple(told))
+    cure = "name the element, for example --element 4/s^2"
+    if CHANGES in found.remark:
+        cure = "fit the parts with --span"
+    why = f"no loops: {fault.sentence if fault else f'{found.remark}; {cure}'}"
+    return ElementChoice(why=why, identified=found, remarks=tuple(told))
 
 
 @remembered

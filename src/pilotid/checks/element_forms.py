@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
-from operator import attrgetter
 
 import numpy as np
 
@@ -16,12 +15,13 @@ from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
 from pilotid.support.types import ComplexArray, FloatArray, IntArray
 
+LONG = 9  # decimals, or zeros, that are written out
 DIFFERENCE = 1e-7  # relative step of the differences
 
 
 @dataclass(frozen=True)
 class Form:
-    """K (s + z) e^{-delay s} / (s^k (s^d + a1 s^(d-1) + ..)), with or without the zero.
+    """K (s + z) e^{-delay s} / (s^k (s^d + a1 s^(d-1) + ..) (1 + s/b)^2), or parts of it.
 
     Attributes
     ----------
@@ -29,24 +29,34 @@ class Form:
         k.
     free
         Degree d of the free polynomial.
+    lags
+        Whether there are two equal lags.
     zero
         Whether there is a zero.
     """
 
     integrators: int
     free: int = 0
+    lags: bool = False
     zero: bool = False
 
     @property
-    def size(self) -> int:
-        """Number of parameters: K, z, a1 and so on, and last the delay."""
-        return 2 + self.zero + self.free
+    def units(self) -> dict[str, str]:
+        """Parameters, the delay last, and their units but for that of the gain."""
+        zero, lags = {"z": "rad/s"} if self.zero else {}, {"b": "rad/s"} if self.lags else {}
+        powers = ["rad/s", *(f"rad^{n}/s^{n}" for n in range(2, self.free + 1))][: self.free]
+        free = {f"a{n}" if self.free > 1 else "a": unit for n, unit in enumerate(powers, 1)}
+        return {"K": "", **zero, **free, **lags, "delay": "s"}
 
     def polynomials(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Numerator and denominator, highest power first."""
         begin = 1 + self.zero
+        bottom = np.array([1.0, *values[begin : begin + self.free]])
+        if self.lags:
+            b = values[-2]
+            bottom = np.convolve(bottom, [1.0 / b**2, 2.0 / b, 1.0])
         top = values[0] * np.array([1.0, *values[1:begin]])
-        return top, np.array([1.0, *values[begin:-1], *[0.0] * self.integrators])
+        return top, np.concatenate([bottom, np.zeros(self.integrators)])
 
     def response(self, values: FloatArray, omega: FloatArray) -> ComplexArray:
         """Frequency response at `omega` [rad/s], shape (n,)."""
@@ -62,27 +72,38 @@ class Form:
         power = np.einsum("in,ij,jn->n", slopes.conj(), covariance, slopes)
         return np.asarray(np.sqrt(np.abs(power.real)))
 
-    def element(self, values: FloatArray) -> ControlledElement:
-        """The element whose numbers have four digits, with a name that `element_named` reads.
+    def element(self, values: FloatArray, digits: tuple[int, ...]) -> ControlledElement:
+        """The element with a name that `element_named` reads.
 
         Parameters
         ----------
         values
             The parameters, with a delay that is not negative.
+        digits
+            Decimals of each, negative for zeros before the point.
         """
-        rounded = [float(f"{value:.4g}") for value in values]
-        top, bottom = self.polynomials(np.array(rounded))
-        _, *others, delay = rounded
-        powers = [f"s^{n}" if n > 1 else "s" * n for n in range(self.free, -1, -1)]
-        name = f"{rounded[0]:g}" + (f"(s{others.pop(0):+g})" if self.zero else "")
-        name += f"exp(-{delay:g}s)" if delay else ""
-        terms = [f"{value:+g}{power}" for value, power in zip(others, powers[1:], strict=True)]
-        free = f"({powers[0]}{''.join(terms)})" if self.free else ""
-        below = ["", "s", "s^2"][self.integrators] + free
-        if self.integrators and free:
-            below = f"({below})"
-        name += f"/{below}" if below else ""
-        return ControlledElement(tuple(top.tolist()), tuple(bottom.tolist()), delay, name)
+        numbers = [_number(v, d) for v, d in zip(values.tolist(), digits, strict=True)]
+        rounded = np.array([float(n) for n in numbers])
+        shown = dict(zip(self.units, numbers, strict=True))
+        top, bottom = self.polynomials(rounded)
+        return ControlledElement(
+            tuple(top.tolist()), tuple(bottom.tolist()), float(rounded[-1]), self._name(shown)
+        )
+
+    def _name(self, shown: dict[str, str]) -> str:
+        delay, powers = shown["delay"], [f"s^{n}" if n > 1 else "s" * n for n in range(6)]
+        top = shown["K"] + (f"(s{_signed(shown['z'])})" if self.zero else "")
+        top += f"exp(-{delay}s)" if float(delay) else ""
+        keys = [key for key in self.units if key.startswith("a")]
+        terms = [_signed(shown[k]) + powers[self.free - n] for n, k in enumerate(keys, 1)]
+        free = f"({powers[self.free]}{''.join(terms)})" if self.free else ""
+        lags = f"(1+s/{shown['b']})^2" if self.lags else ""
+        bottom = powers[self.integrators] + free + lags
+        alone = bottom in ("", powers[self.integrators], free)
+        return top + (bottom and f"/{bottom}" if alone else f"/({bottom})")
+
+    def __str__(self) -> str:
+        return self._name({**{key: key for key in self.units}, "delay": "0"})
 
 
 def differences(
@@ -93,11 +114,25 @@ def differences(
     return np.array([(function(values + step) - there) / step.sum() for step in steps])
 
 
+def _number(value: float, decimals: int) -> str:
+    """A number with so many decimals, an exponent where it would be long."""
+    if not -LONG <= decimals <= LONG:
+        return f"{value:.6g}"
+    text = f"{round(value, decimals):.{max(decimals, 0)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _signed(number: str) -> str:
+    return number if number.startswith("-") else f"+{number}"
+
+
 #: From the simplest on.
 FORMS = (
     *(Form(k, free) for k, free in ((0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1))),
-    *(Form(k, free) for k, free in ((0, 2), (1, 2), (0, 3), (2, 2))),
-    *(Form(k, free, zero=True) for k, free in ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2), (1, 2))),
+    *(Form(k, free) for k, free in ((0, 2), (1, 2), (0, 3))),
+    *(Form(k, free, lags=True) for k, free in ((0, 0), (1, 0), (2, 0), (0, 1), (0, 2))),
+    *(Form(k, free, zero=True) for k, free in ((1, 0), (2, 0), (0, 1), (1, 1))),
+    *(Form(k, free, zero=True) for k, free in ((0, 2), (1, 2), (0, 3))),
 )
 
 
@@ -134,7 +169,7 @@ class FormFit:
     Attributes
     ----------
     form, values
-        Parameters: K, z, a1 and so on, and last the delay.
+        Parameters in the order of `Form.units`.
     covariance
         Of the values.
     criterion
@@ -263,20 +298,35 @@ def _derivatives(bare: ComplexArray, omega: FloatArray) -> ComplexArray:
 
 def _start(spectra: Spectra, form: Form, delay: float) -> FloatArray:
     """By linear least squares, the equation divided by the last denominator found."""
-    s, output = 1j * spectra.omega, spectra.output[form.integrators :]
-    below = (1.0 + s / 3.0) ** form.free * s**form.integrators
+    power, degree = form.integrators, form.free + 2 * form.lags
+    s, output = 1j * spectra.omega, spectra.output[power:]
+    below = (1.0 + s / 3.0) ** degree * s**power
     weight = 1.0 / np.sqrt(spectra.size)[spectra.fine]
     inputs = spectra.delayed(1 + form.zero, delay)
-    columns = np.concatenate([inputs[::-1], -output[: form.free][::-1]])
-    for _ in range(5 if form.free else 1):
+    columns = np.concatenate([inputs[::-1], -output[:degree][::-1]])
+    for _ in range(5 if degree else 1):
         scaled = columns * (weight / np.abs(below)) ** 2
         size = np.sqrt(np.real(np.einsum("in,in->i", scaled.conj(), columns)))
         matrix = np.real(scaled.conj() @ columns.T) / np.outer(size, size)
-        goal = np.real(scaled.conj() @ output[form.free]) / size
+        goal = np.real(scaled.conj() @ output[degree]) / size
         found = np.linalg.lstsq(matrix, goal)[0] / size
         top, free = found[: 1 + form.zero], found[1 + form.zero :]
-        below = np.polyval([1.0, *free], s) * s**form.integrators
-    return np.array([top[0], *top[1:] / top[0], *free, delay])
+        below = np.polyval([1.0, *free], s) * s**power
+    parts = [top[:1], top[1:] / top[0], free]
+    if form.lags:
+        # Of the polynomial's roots the two that are most alike become the lags.
+        roots = np.roots([1.0, *free])
+        roots = roots[np.argsort(np.abs(roots))]
+        first = int(np.argmin(np.abs(roots[1:]) / np.abs(roots[:-1])))
+        b = float(np.sqrt(np.abs(roots[first] * roots[first + 1])))
+        others = np.delete(roots, [first, first + 1])
+        parts = [
+            top[:1] / b**2,
+            parts[1],
+            np.real(np.atleast_1d(np.poly(others)))[1:],
+            np.array([b]),
+        ]
+    return np.concatenate([*parts, [delay]])
 
 
 def fitted_form(spectra: Spectra, form: Form, dt: float, delay: float = 0.0) -> FormFit | None:
@@ -339,6 +389,8 @@ def _searched(spectra: Spectra, form: Form, dt: float, delay: float) -> FormFit 
     left = power(residual, spectra.fine)
     covariance = np.linalg.inv(matrix) / np.outer(scale, scale) / (2.0 * INDEPENDENT)
     criterion = spectra.cost(level) + len(values) * float(np.log(2.0 * spectra.count.sum()))
+    if form.lags and values[-2] <= 0.0:
+        return None
     if not (np.isfinite([criterion, *values]).all() and (np.diag(covariance) > 0.0).all()):
         return None
     unit = np.array([spectra.gain, *np.ones(len(values) - 1)])
@@ -427,19 +479,25 @@ def forms_fitted(spectra: Spectra, dt: float) -> list[FormFit]:
     if noisy and not np.any(spectra.doubtful):
         return forms_fitted(replace(spectra, doubtful=doubtful), dt)
     if best.values[-1] > LATE:
-        simpler = [form for form in FORMS if form.size < best.form.size]
+        simpler = [form for form in FORMS if _size(form) < _size(best.form)]
         fits += _pass(spectra, dt, simpler, float(best.values[-1]))
-    return fits
+    # Of each form the best.
+    fits.sort(key=lambda fit: fit.criterion)
+    return list({fit.form: fit for fit in reversed(fits)}.values())
 
 
 def _pass(spectra: Spectra, dt: float, forms: Sequence[Form], delay: float = 0.0) -> list[FormFit]:
     fits: list[FormFit] = []
-    for _, alike in groupby(sorted(forms, key=attrgetter("size")), key=attrgetter("size")):
+    for _, alike in groupby(sorted(forms, key=_size), key=_size):
         found = (fitted_form(spectra, form, dt, delay) for form in alike)
         fits += [fit for fit in found if fit is not None]
         if any(fit.unexplained.max() <= UNNOTICED**2 for fit in fits):
             break
     return fits
+
+
+def _size(form: Form) -> int:
+    return len(form.units)
 
 
 def simplest(fits: Sequence[FormFit]) -> FormFit:
