@@ -50,12 +50,15 @@ class IdentifiedElement:
         there is nothing to tell it from.
     explained
         Share of the power of x [%] that it explains, up to 25 rad/s.
+    response_error
+        Largest relative standard error of its frequency response from 0.5 to 6 rad/s.
     remark
         What speaks against it, in a sentence; empty if nothing does.
     """
 
     element: ControlledElement | None
     explained: float = float("nan")
+    response_error: float = float("nan")
     remark: str = ""
 
     @property
@@ -83,7 +86,7 @@ def identified_element(recording: Recording) -> IdentifiedElement:
     error = float(chosen.form.response_error(chosen.values, chosen.covariance, OMEGA).max())
     element = chosen.form.element(*rounded(chosen.values, chosen.covariance))
     remark = _remark(element, chosen.explained, error)
-    return IdentifiedElement(element, chosen.explained, remark)
+    return IdentifiedElement(element, chosen.explained, error, remark)
 
 
 def _is_steerable(fit: FormFit) -> bool:
