@@ -240,14 +240,15 @@ def alarms(results: Results, worst: int = 3) -> Iterator[str]:
     every = {(recording, remark): None for recording, remarks in told for remark in remarks}
     if graded := counted_grades(remark for _, remark in every if remark.code not in OF_STICK):
         yield f"Warnings: {graded}."
-    counts = Counter(remark.code for _, remark in every)
+    counts = Counter((remark.code, remark.grade) for _, remark in every)
     first: dict[str, tuple[str, Remark]] = {}
     for place, remark in sorted(every, key=lambda own: GRADES.index(own[1].grade)):
         first.setdefault(remark.code, (place, remark))
     grave = [c for c, (_, r) in first.items() if r.grade != "note" and c not in OF_STICK]
     for code in (*grave[:worst], *(code for code in OF_STICK if code in first)):
         place, remark = first[code]
-        more = f", and {counts[code] - 1} more" if counts[code] > 1 else ""
+        alike = counts[code, remark.grade]
+        more = f", and {alike - 1} more" if alike > 1 else ""
         yield f"{remark.line(place + more)}."
     if ignored := results.settings.ignored:
         yield f"Left out by --ignore: {', '.join(sorted(ignored))}."
