@@ -24,7 +24,6 @@ from pilotid.model.catalogue import (
     RATE,
 )
 from pilotid.model.element import (
-    ControlledElement,
     double_integrator,
     element_named,
     integrator_with_lag,
@@ -40,7 +39,7 @@ NOMINAL = SCENARIOS["nominal"]
 SINGLE_LOOP = SCENARIOS["single"]
 
 #: What trained pilots flew in Pool, Harder and van Paassen (2016).
-TRAINED = ControlledElement((10.62, 10.62 * 0.99), (1.0, 2.58, 7.61, 0.0), name="trained")
+TRAINED = element_named("10.62(s+0.99)/(s(s^2+2.58s+7.61))")
 #: A pilot of each model of the catalogue, in a stable loop, by the model's name.
 PILOTS = {
     scenario.model.name: scenario

@@ -22,8 +22,7 @@ from pilotid.estimate.parts import (
 from pilotid.estimate.quantities import (
     Pair,
     Quantity,
-    combined_by_delta,
-    combined_by_draws,
+    combined,
     frame_of,
     inseparable,
     quantity_tables,
@@ -202,18 +201,13 @@ class Estimate:
     @property
     def derived(self) -> list[Quantity]:
         """Products and sums, by the posterior where there is one, else to first order."""
-        if self.draws is None:
-            return combined_by_delta(self.model.keys, self.values, self.covariance)
-        return [*combined_by_draws(self.draws)]
+        return combined(self.model.keys, self.values, self.covariance, self.draws)
 
     @property
     def inseparable(self) -> list[Pair]:
         """Pairs of parameters that the recording cannot tell apart."""
-        model = self.model
-        units = tuple(p.unit for p in model.parameters)
-        return inseparable(
-            model.keys, units, model.positive, self.values, self.covariance, self.draws
-        )
+        keys, positive = self.model.keys, self.model.positive
+        return inseparable(keys, positive, self.values, self.covariance, self.draws)
 
     @property
     def quantities(self) -> list[Quantity]:
@@ -296,7 +290,10 @@ class Estimate:
             "held": dict(model.held),
             "correlation": self.correlation.tolist(),
             "covariance": self.covariance.tolist(),
-            "inseparable": [pair.to_dict() for pair in self.inseparable],
+            "inseparable": [
+                {"parameters": [first, second], "correlation": correlation}
+                for first, second, correlation in self.inseparable
+            ],
             "vaf": self.vaf,
             "criterion": self.criterion,
             "iterations": self.iterations,
