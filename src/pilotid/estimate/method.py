@@ -9,15 +9,13 @@ import time
 import traceback
 from dataclasses import replace
 from importlib import import_module
-from types import NoneType
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from pilotid.estimate.applicability import made_for, motionless_input
-from pilotid.estimate.draws import Draws
-from pilotid.estimate.estimate import Estimate, Outcome, Starts, failed
-from pilotid.estimate.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
+from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.estimate.parts import AnalysedBand
 from pilotid.estimate.warnings import all_remarks
 from pilotid.model.model import PilotModel
 from pilotid.naming.code import reason
@@ -30,20 +28,6 @@ TRACEBACK = "PILOTID_TRACEBACK"
 
 #: Rounding that a correlation matrix may show: Kvis and tlead are correlated at -0.99.
 ROUNDING = 1e-6
-
-#: Types of what an estimate holds beside its arrays.
-PARTS: dict[str, tuple[type, ...]] = {
-    "outcome": (Outcome,),
-    "message": (str,),
-    "remarks": (tuple,),
-    "vaf": (float, np.floating, int),
-    "criterion": (float, np.floating, int),
-    "iterations": (int, np.integer),
-    "starts": (Starts, NoneType),
-    "remnant": (RemnantEstimate, NoneType),
-    "frequency_response": (FrequencyResponse, NoneType),
-    "draws": (Draws, NoneType),
-}
 
 
 class Method(Protocol):
@@ -155,7 +139,7 @@ def identify(
         estimate = replace(estimate, band=_band_of(method, recording))
     return replace(
         estimate,
-        message=one_line(estimate.message),
+        message=one_line(str(estimate.message)),
         remarks=all_remarks(estimate, recording),
         seconds=seconds,
     )
@@ -213,11 +197,9 @@ def fault_of(estimate: object, model: PilotModel) -> str:
             or given.dtype.kind not in "fiu"
         ):
             return f"its {name} are no array of real numbers of the shape {shape}"
-    for name, kinds in PARTS.items():
-        if not isinstance(getattr(estimate, name), kinds):
-            return f"its {name} is of the type {type(getattr(estimate, name)).__name__}"
-    if not 0 <= estimate.iterations < 2**63:  # what a study can store
-        return f"{estimate.iterations} iterations cannot be"
+    outcome: object = estimate.outcome
+    if not isinstance(outcome, Outcome):
+        return f"its outcome is of the type {type(outcome).__name__}"
     return _senseless(estimate) if estimate.outcome.usable else ""
 
 
