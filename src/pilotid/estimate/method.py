@@ -9,7 +9,7 @@ import time
 import traceback
 from dataclasses import replace
 from importlib import import_module
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from pilotid.model.model import PilotModel
 from pilotid.naming.code import reason
 from pilotid.recording.recording import Recording, unit_sized
 from pilotid.support.numbers import require_settings
-from pilotid.support.types import FloatArray, InputError, one_line
+from pilotid.support.types import InputError, one_line
 
 #: The environment variable that asks for tracebacks of methods that raise.
 TRACEBACK = "PILOTID_TRACEBACK"
@@ -68,30 +68,6 @@ class Method(Protocol):
         Returns
         -------
         Estimate
-        """
-        ...
-
-
-@runtime_checkable
-class Searching(Protocol):
-    """A method that searches for the optimum of a criterion, and can say what it missed.
-
-    A study sets the end of a fit against that of a search from the truth; a fit never knows
-    of it.
-    """
-
-    def criteria_from(
-        self, recording: Recording, model: PilotModel, sets: FloatArray
-    ) -> FloatArray:
-        """The criteria that searches reach which start at each of these alone, shape (sets,).
-
-        Parameters
-        ----------
-        recording, model
-            As for `Method.fit`.
-        sets
-            Parameters in model order, shape (sets, parameters); whatever is chosen before a
-            search, such as a band, is chosen as suits the first.
         """
         ...
 
