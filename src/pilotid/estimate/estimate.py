@@ -265,13 +265,13 @@ class Estimate:
     def _repr_html_(self) -> str:
         return f"<pre>{escape(str(self))}</pre>"
 
-    def to_dict(self, *, whole: bool = False) -> dict[str, object]:
+    def to_dict(self, *, draws: bool = False) -> dict[str, object]:
         """Plain objects, in the form that `pilotid fit --json` writes; NaN where there is none.
 
         Parameters
         ----------
-        whole
-            Whether with what takes much room: draws, and the covariance of a first step.
+        draws
+            Whether with the draws of the posterior, which take much room.
         """
         starts, model = self.starts, self.model
         elements = (f.element for c in model.channels for f in c.factors if isinstance(f, Inverse))
@@ -308,10 +308,8 @@ class Estimate:
             result["remnant"] = self.remnant.to_dict()
         if self.frequency_response is not None:
             names = [channel.name for channel in model.channels]
-            own = self.frequency_response.to_dict(names)
-            more = {"covariance": self.frequency_response.covariance.tolist()} if whole else {}
-            result["frequency_response"] = own | more
-        if whole and self.draws is not None:
+            result["frequency_response"] = self.frequency_response.to_dict(names)
+        if draws and self.draws is not None:
             result["draws"] = plain_fields(self.draws)
         return result
 

@@ -126,7 +126,7 @@ class Quantity:
         """Lower and upper end of the 95 % interval."""
         return self.lower, self.upper
 
-    def shown(self, plus_minus: str = "±") -> tuple[str, str]:
+    def shown(self) -> tuple[str, str]:
         """Value with standard error, and interval, to the digits that the error allows."""
         if not math.isfinite(self.value):
             return "-", ""
@@ -136,7 +136,7 @@ class Quantity:
         if not (math.isfinite(error) and error > 0.0):
             return f"{self.value:.4g}", ""
         digits = decimals(error)
-        value = f"{self.value:.{digits}f} {plus_minus} {error:.{digits}f}"
+        value = f"{self.value:.{digits}f} ± {error:.{digits}f}"
         return value, f"{self.lower:.{digits}f} .. {self.upper:.{digits}f}"
 
     def to_dict(self) -> dict[str, object]:
