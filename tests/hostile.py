@@ -69,8 +69,8 @@ DEEDS: dict[str, Callable[[], None]] = {
 }
 ANSWERS = (
     *("good", "nothing", "nan", "infinite", "complex", "words", "short", "flat", "listed"),
-    *("negative", "indefinite", "asymmetric", "errorless", "reversed", "countless", "outcome"),
-    *("vaf", "message", "draws", "signs"),
+    *("negative", "indefinite", "asymmetric", "errorless", "reversed", "outcome"),
+    *("vaf", "signs"),
 )
 HOWS = (*DEEDS, *ANSWERS, "objection", "scribble")
 
@@ -94,11 +94,8 @@ def _answers(good: Estimate) -> dict[str, Any]:
         "asymmetric": replace(good, covariance=skew),
         "errorless": replace(good, errors=np.zeros_like(values)),
         "reversed": replace(good, intervals=good.intervals[:, ::-1]),
-        "countless": replace(good, iterations=2**70),
         "outcome": replace(good, outcome="converged"),
         "vaf": replace(good, vaf=-1e9),
-        "message": replace(good, message=b"bytes"),
-        "draws": replace(good, draws="many"),
         "signs": replace(good, message="a\udcffb\n\x1b[31mc\0"),
     }
 

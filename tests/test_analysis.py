@@ -130,10 +130,6 @@ def test_models_say_which_was_chosen_and_why(analysed: Path) -> None:
         assert float(row["chi_squared_per_freedom"]) == pytest.approx(
             float(row["chi_squared"]) / float(row["freedom"])
         )
-        if not row["change_p"]:  # of a model without a constant gain or lead to test
-            continue
-        assert 0.0 < float(row["change_p"]) <= 1.0
-        assert float(row["change_size"]) >= 0.0
 
 
 def test_a_second_call_does_nothing_again(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.fitted import fit_all
 from pilotid.estimate.method import identify
 from pilotid.methods import method_named
 from pilotid.model.catalogue import SINGLE
@@ -34,11 +35,8 @@ UNSOUND = {
     "asymmetric": "the covariance is not symmetric",
     "errorless": "a standard error is not positive",
     "reversed": "an interval does not hold its value",
-    "countless": "iterations cannot be",
     "outcome": "its outcome is of the type str",
     "vaf": "a VAF of -1e+09 % cannot be",
-    "message": "its message is of the type bytes",
-    "draws": "its draws is of the type str",
 }
 RAISED = {
     "leave": (Outcome.CRASHED, "SystemExit: 3"),
@@ -79,6 +77,11 @@ def test_signs_that_no_file_can_hold_are_replaced() -> None:
     assert estimate.message == "a\N{REPLACEMENT CHARACTER}b \N{REPLACEMENT CHARACTER}[31mc" + (
         "\N{REPLACEMENT CHARACTER}"
     )
+
+
+def test_what_a_method_prints_is_no_part_of_the_answer(capsys: pytest.CaptureFixture[str]) -> None:
+    fit_all(RECORDING, SINGLE, {"loud": method_named(hostile("shout"))}, 1)
+    assert capsys.readouterr().out == ""
 
 
 def test_only_the_user_interrupts() -> None:

@@ -43,7 +43,6 @@ def candidate(model: str, pilot: int, left_out: tuple[float, ...], vaf: float = 
         aicc=210.0 + pilot,
         bic=220.0 + pilot,
         vaf=vaf,
-        left_out_vaf=vaf,
         left_out_log_likelihood=tuple(-0.5 * number for number in left_out),
         chi_squared=30.0,
         freedom=30,
@@ -125,7 +124,7 @@ def test_what_describes_the_loop_and_not_the_pilot_is_not_taken() -> None:
     loop = replace(pilot, model="multi", pilot_parameters=7, aicc=-1000.0, bic=-1000.0, vaf=3.0)
     choice = choose_model([[pilot, loop]])
     assert choice.model == "single"
-    assert "of a recording that others explain better" in choice.reason
+    assert "Not credible, with a VAF more than 10 points below the best: multi" in choice.reason
 
 
 #: Pilot parameters of the models that compete below.
@@ -235,7 +234,7 @@ def test_aperiodic_recordings_are_judged_by_their_prediction_errors() -> None:
     noisy = replace(recording, ft=recording.ft + 0.2 * rng.standard_normal(recording.e.shape))
     choice = choose_model([compare_models(noisy, [MODELS["gain"], MODELS["single"]], 0)])
     assert choice.model == "single"
-    assert "errors of prediction" in choice.reason
+    assert "by prediction errors" in choice.reason
 
 
 @pytest.mark.long

@@ -96,7 +96,7 @@ def test_ignored_warnings_are_left_out(tmp_path: Path, capsys: pytest.CaptureFix
         codes = {}
         for extra in ([], ["--ignore", "drift"]):
             words = [command, str(tmp_path / "run.csv"), "--json", "-", *extra]
-            words += ["--model", "single"] * (command == "fit")
+            words += ["--model", "single"] if command == "fit" else []
             with pytest.raises(SystemExit):
                 main(words)
             found = json.loads(capsys.readouterr().out)["recording"]

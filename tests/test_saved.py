@@ -147,7 +147,7 @@ def equal(one: object, two: object) -> bool:
 def test_a_loaded_estimate_is_the_saved_one_to_the_bit(
     model: PilotModel, method: str, tmp_path: Path
 ) -> None:
-    estimate = identify(RECORDING, model, method)
+    estimate = replace(identify(RECORDING, model, method), frequency_response=None)
     save(estimate, tmp_path / "e.json")
     again = load_estimate(tmp_path / "e.json")
     assert str(again) == str(estimate)

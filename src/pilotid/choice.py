@@ -15,15 +15,15 @@ Multimodel Inference*, 2nd ed., sec. 2.5), and against that of runs left out of 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from pilotid.checks.checks import motionless
 from pilotid.estimate.applicability import lines_objection, made_for, motionless_input
 from pilotid.estimate.estimate import at_bounds, bounds_reached
-from pilotid.likelihood.constancy import constancy
 from pilotid.likelihood.estimates import simulated_vaf
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum
@@ -59,8 +59,8 @@ class Candidate:
         Number of prediction errors that the log-likelihood is of.
     log_likelihood, aicc, bic
         Of pilot and remnant together.
-    vaf, left_out_vaf
-        Variance accounted for, and in runs left out of the fit [%].
+    vaf
+        Variance accounted for [%].
     left_out_log_likelihood
         Of each run under what the others say; empty where there is one run alone.
     chi_squared, freedom
@@ -75,10 +75,6 @@ class Candidate:
     determined
         Whether the lines determine all parameters: none is at a bound or known to no better than a
         factor of ten.  Where no lines judge, whether none is at a bound.
-    change_p, change_size, change_time
-        How often a pilot whose gains and leads are constant would seem to change as this one
-        does, by how much of its value a gain or lead changes at most, and when that is seen best
-        [s]; NaN for a model that varies.
     varies
         Whether the model varies in time.
     """
@@ -92,7 +88,6 @@ class Candidate:
     aicc: float = math.nan
     bic: float = math.nan
     vaf: float = math.nan
-    left_out_vaf: float = math.nan
     left_out_log_likelihood: tuple[float, ...] = ()
     chi_squared: float = math.nan
     freedom: int = 0
@@ -100,9 +95,6 @@ class Candidate:
     bounds: str = ""
     no_delay: bool = False
     determined: bool = True
-    change_p: float = math.nan
-    change_size: float = math.nan
-    change_time: float = math.nan
     varies: bool = False
 
     @property
@@ -263,7 +255,6 @@ def _judged(recording: Recording, found: Optimum, scored: int) -> Candidate:
     parameters, samples = len(values) + 1, joint.residuals
     log_likelihood = joint.log_likelihood(values)
     penalty = 2.0 * parameters * samples / max(samples - parameters - 1.0, 1.0)
-    test = constancy(found, recording)
     bounds = bounds_reached(model, pilot)
     return Candidate(
         model=model.name,
@@ -275,20 +266,16 @@ def _judged(recording: Recording, found: Optimum, scored: int) -> Candidate:
         aicc=-2.0 * log_likelihood + penalty,
         bic=-2.0 * log_likelihood + parameters * math.log(samples),
         vaf=simulated_vaf(recording, model, pilot),
-        left_out_vaf=float(np.mean([vaf for _, vaf in left])) if left else math.nan,
-        left_out_log_likelihood=tuple(likelihood for likelihood, _ in left),
+        left_out_log_likelihood=tuple(left),
         bounds=bounds,
         no_delay=_no_delay(model, pilot),
         determined=not bounds,
-        change_p=test.p if test else math.nan,
-        change_size=test.size if test else math.nan,
-        change_time=test.time if test else math.nan,
         varies=model.changes,
     )
 
 
-def _left_out(joint: Likelihood, values: FloatArray, run: int) -> tuple[float, float]:
-    """Log-likelihood and VAF [%] of a run under what the others say."""
+def _left_out(joint: Likelihood, values: FloatArray, run: int) -> float:
+    """Log-likelihood of a run under what the others say."""
     prediction = joint.prediction
     rest = [r for r in range(prediction.runs) if r != run]
     others = Likelihood(prediction.of_runs(rest), joint.noise)
@@ -297,10 +284,7 @@ def _left_out(joint: Likelihood, values: FloatArray, run: int) -> tuple[float, f
     variance = float(end.cost[0]) / others.scaling(end.values[0])
     variance /= others.residuals - len(values)
     alone = Likelihood(prediction.of_runs([run]), joint.noise)
-    likelihood = alone.log_likelihood(end.values[0], variance)
-    residual = alone.prediction.errors(end.values[0, : joint.pilot_count])
-    share = float(np.var(residual)) / float(np.var(alone.prediction.control))
-    return likelihood, 100.0 * max(0.0, 1.0 - share)
+    return alone.log_likelihood(end.values[0], variance)
 
 
 def _no_delay(model: PilotModel, values: FloatArray) -> bool:
@@ -374,7 +358,6 @@ def _of_runs(coefficients: Coefficients, runs: list[int]) -> Coefficients:
 #: Points of VAF by which a model may explain less of the control than the best one, where only
 #: the likelihood judges: beyond, it describes the loop and not the pilot.
 LOST = 10.0
-FAR = 1000.0  # deviance beyond which a model does not suit, whatever the number
 
 #: A model with more parameters is taken where runs left out favour it with no larger chance of
 #: doing so by accident: several candidates compete, and the luckiest of them is looked at.
@@ -385,24 +368,15 @@ SELDOM = 0.01
 RUNS, CLOSE = 8, 4.0
 
 
-@dataclass(frozen=True)
-class Choice:
-    """The model chosen for one recording, or for several of one condition.
+#: Share of recordings in which a delay may end at zero with a model that serves for contrasts.
+DELAYLESS = 0.1
 
-    Attributes
-    ----------
-    model
-        Its name.
-    reason
-        Why, in sentences.
-    """
+
+class Choice(NamedTuple):
+    """Name of the model chosen for recordings of one condition, and why, in sentences."""
 
     model: str
     reason: str
-
-
-#: Share of recordings in which a delay may end at zero with a model that serves for contrasts.
-DELAYLESS = 0.1
 
 
 def choose_model(recordings: Sequence[Sequence[Candidate]]) -> Choice:
@@ -499,41 +473,26 @@ class _Judged:
         return float(wilcoxon(self.least[name], alternative="greater").pvalue) < SELDOM
 
     def reason(self) -> str:
-        """Why the model is taken, in sentences."""
-        told, taken, files = [], self.taken, self.files
-        if any(len(candidates) > 1 for candidates in files):
-            where = "lines of the forcing functions" if self.by_lines else "errors of prediction"
-            judge = {
-                "chi_squared": "a quasi-likelihood criterion",
-                "aicc": "AICc",
-                "bic": "BIC",
-            }[self.criterion]
-            if self.many:
-                judge = f"{len(self.least[taken])} runs, each left out of its fit"
-            names = sorted(self.least, key=self.left)
-            by = "at" if self.by_lines else "by"
-            told.append(f"{taken} was chosen among {listed(names)} {by} the {where} ({judge}).")
-            above = {n: self.left(n) - self.left(taken) for n in names if n != taken}
-            sizes = [
-                f"{n} {d:.0f}" if d <= FAR else f"{n} over {FAR:.0f}" for n, d in above.items()
-            ]
-            # A criterion has a penalty for parameters; of runs left out the deviance is comparable.
-            what = "deviance" if self.many else "deviance with its penalty for parameters"
-            if above:
-                told.append(f"The others' {what}, less that of {taken}: {', '.join(sizes)}.")
-        told += [
-            f"{name} explains no more than {min(own[name].vaf for own in files):.0f} % of the "
-            "control of a recording that others explain better."
-            for name in self.names
-            if name not in self.credible
-        ]
-        bounds = [own[taken].bounds for own in files if own[taken].bounds]
-        if bounds:
-            told.append(
-                f"{len(bounds)} of the {len(files)} fits of {taken} made for this choice end at a "
-                f"bound ({bounds[0]})."
-            )
-        return " ".join(told)
+        """Why the model is taken, in sentences; empty where it is the only one."""
+        if not any(len(candidates) > 1 for candidates in self.files):
+            return ""
+        where = "at the lines of the forcing functions" if self.by_lines else "by prediction errors"
+        judges = {"chi_squared": "a quasi-likelihood criterion", "aicc": "AICc", "bic": "BIC"}
+        judge = judges[self.criterion]
+        if self.many:
+            judge = f"{len(self.least[self.taken])} runs, each left out of its fit"
+        names = sorted(self.least, key=self.left)
+        told = f"{self.taken} was chosen among {listed(names)} {where} ({judge})."
+        # A criterion has a penalty for parameters; of runs left out the deviance is comparable.
+        what = "deviance" if self.many else "deviance with its penalty for parameters"
+        above = {name: self.left(name) - self.left(self.taken) for name in names}
+        sizes = [f"{name} {size:.0f}" for name, size in above.items() if name != self.taken]
+        if sizes:
+            told += f" The others' {what}, less that of {self.taken}: {', '.join(sizes)}."
+        if len(names) < len(self.names):
+            lost = listed([name for name in self.names if name not in names])
+            told += f" Not credible, with a VAF more than {LOST:g} points below the best: {lost}."
+        return told
 
 
 def choose_jointly(
@@ -650,26 +609,15 @@ def select(
         return Selection(first, "No model has all its inputs in the recording.", ())
     candidates = compare_models(recording, list(among.values()), seed)
     choice = choose_model([candidates])
-    taken = next(c for c in candidates if c.model == choice.model)
-    told = [choice.reason, *(() if models else _more(recording, taken))]
-    return Selection(among[choice.model], " ".join(filter(None, told)), tuple(candidates))
+    told = choice.reason if models else f"{choice.reason} {_untried(recording)}".strip()
+    return Selection(among[choice.model], told, tuple(candidates))
 
 
-def _more(recording: Recording, taken: Candidate) -> Iterator[str]:
-    """What the recording cannot tell, and which signals or names would, in sentences."""
-    if np.array_equal(recording.u, recording.x):
-        yield "x is u itself: if a target was followed without a displayed error, name following."
-    if taken.model == "look-ahead":
-        yield "The target is answered before it comes; preview has two viewpoints, name it to see."
-    elif taken.no_delay:
-        yield (
-            "Its delay ends at zero, as where a target is seen ahead: if one was displayed, name "
-            "look-ahead or preview."
-        )
+def _untried(recording: Recording) -> str:
+    """Which models of the catalogue were not tried, and why, in a sentence."""
     reasons: dict[str, list[str]] = {}
     for model in MODELS.values():
         if why := why_untried(recording, model):
             reasons.setdefault(why, []).append(model.name)
-    if reasons:
-        told = "; ".join(f"{listed(names)} ({why})" for why, names in reasons.items())
-        yield f"Not tried: {told}."
+    told = "; ".join(f"{listed(names)} ({why})" for why, names in reasons.items())
+    return f"Not tried: {told}."

@@ -9,7 +9,7 @@ notice, or else the one of the smallest Bayesian information criterion.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from pilotid.checks.element_forms import (
     simplest,
     spectra_in_window,
 )
-from pilotid.estimate.loops import LoopElement
 from pilotid.model.element import ControlledElement, parsed_element
 from pilotid.recording.recording import Recording, remembered, unit_sized
 from pilotid.support.limits import ELEMENT
@@ -31,12 +30,16 @@ from pilotid.support.types import FloatArray
 LARGEST = 1e100  # of a gain, whose square must not overflow
 #: Where loops cross over [rad/s].
 OMEGA = np.geomspace(0.5, 6.0, 40)
-CHANGES = "it changes within a run"
 ADVICE = (
     "it may change within a run, a disturbance may be missing, or a name or a sign may be wrong"
 )
-#: Origins of an element.
+#: Origins of an element, and their words.
 GIVEN, FILE, SIGNALS = "given", "recording", "identified"
+ORIGINS = {
+    GIVEN: "as given",
+    FILE: "named by the recording",
+    SIGNALS: "identified from the signals",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,17 +166,43 @@ def _remark(element: ControlledElement, explained: float, error: float) -> str:
     return ""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ElementChoice(LoopElement):
-    """The controlled element to draw loops with, and what was held against it.
+@dataclass(frozen=True, eq=False)
+class ElementChoice:
+    """The controlled element that loops are drawn with.
 
     Attributes
     ----------
     identified
         What u, fd and x say.
+    element
+        None if none is known.
+    origin
+        ``given``, named by the ``recording``, or ``identified`` from its signals.
+    why
+        Why none is known, in a sentence.
+    remarks
+        Where what is said of it and what signals show disagree, a sentence each.
     """
 
     identified: IdentifiedElement
+    element: ControlledElement | None = None
+    origin: str = ""
+    why: str = ""
+    remarks: tuple[str, ...] = ()
+
+    def named_in(self, recording: Recording) -> Recording:
+        """The recording, naming the element that was given, for methods that need the loop."""
+        if self.origin != GIVEN or self.element is None:
+            return recording
+        return replace(recording, controlled_element=self.element.name)
+
+    @property
+    def words(self) -> str:
+        """The element and where it comes from."""
+        if self.element is None:
+            return self.why
+        name = self.element.name or "user-defined"
+        return f"loops with the controlled element {name}, {ORIGINS[self.origin]}"
 
 
 def chosen_element(recording: Recording, given: ControlledElement | None = None) -> ElementChoice:
@@ -201,12 +230,9 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
         told += [sentence] if sentence else []
     for element, origin in ((given, GIVEN), (named, FILE), (shown, SIGNALS)):
         if element is not None:
-            return ElementChoice(element, origin, identified=found, remarks=tuple(told))
-    cure = "name the element, for example --element 4/s^2"
-    if CHANGES in found.remark:
-        cure = "fit the parts with --span"
-    why = f"no loops: {fault.sentence if fault else f'{found.remark}; {cure}'}"
-    return ElementChoice(why=why, identified=found, remarks=tuple(told))
+            return ElementChoice(found, element, origin, remarks=tuple(told))
+    why = fault.sentence if fault else f"{found.remark}; name it, for example --element 4/s^2"
+    return ElementChoice(found, why=f"no loops: {why}", remarks=tuple(told))
 
 
 @remembered

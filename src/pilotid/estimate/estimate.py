@@ -22,8 +22,7 @@ from pilotid.estimate.parts import (
 from pilotid.estimate.quantities import (
     Pair,
     Quantity,
-    combined_by_delta,
-    combined_by_draws,
+    combined,
     frame_of,
     inseparable,
     quantity_tables,
@@ -202,18 +201,13 @@ class Estimate:
     @property
     def derived(self) -> list[Quantity]:
         """Products and sums, by the posterior where there is one, else to first order."""
-        if self.draws is None:
-            return combined_by_delta(self.model.keys, self.values, self.covariance)
-        return [*combined_by_draws(self.draws)]
+        return combined(self.model.keys, self.values, self.covariance, self.draws)
 
     @property
     def inseparable(self) -> list[Pair]:
         """Pairs of parameters that the recording cannot tell apart."""
-        model = self.model
-        units = tuple(p.unit for p in model.parameters)
-        return inseparable(
-            model.keys, units, model.positive, self.values, self.covariance, self.draws
-        )
+        keys, positive = self.model.keys, self.model.positive
+        return inseparable(keys, positive, self.values, self.covariance, self.draws)
 
     @property
     def quantities(self) -> list[Quantity]:
@@ -271,13 +265,13 @@ class Estimate:
     def _repr_html_(self) -> str:
         return f"<pre>{escape(str(self))}</pre>"
 
-    def to_dict(self, *, whole: bool = False) -> dict[str, object]:
+    def to_dict(self, *, draws: bool = False) -> dict[str, object]:
         """Plain objects, in the form that `pilotid fit --json` writes; NaN where there is none.
 
         Parameters
         ----------
-        whole
-            Whether with what takes much room: draws, and the covariance of a first step.
+        draws
+            Whether with the draws of the posterior, which take much room.
         """
         starts, model = self.starts, self.model
         elements = (f.element for c in model.channels for f in c.factors if isinstance(f, Inverse))
@@ -296,7 +290,10 @@ class Estimate:
             "held": dict(model.held),
             "correlation": self.correlation.tolist(),
             "covariance": self.covariance.tolist(),
-            "inseparable": [pair.to_dict() for pair in self.inseparable],
+            "inseparable": [
+                {"parameters": [first, second], "correlation": correlation}
+                for first, second, correlation in self.inseparable
+            ],
             "vaf": self.vaf,
             "criterion": self.criterion,
             "iterations": self.iterations,
@@ -311,10 +308,8 @@ class Estimate:
             result["remnant"] = self.remnant.to_dict()
         if self.frequency_response is not None:
             names = [channel.name for channel in model.channels]
-            own = self.frequency_response.to_dict(names)
-            more = {"covariance": self.frequency_response.covariance.tolist()} if whole else {}
-            result["frequency_response"] = own | more
-        if whole and self.draws is not None:
+            result["frequency_response"] = self.frequency_response.to_dict(names)
+        if draws and self.draws is not None:
             result["draws"] = plain_fields(self.draws)
         return result
 

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import warnings
+import sys
 from collections.abc import Mapping
+from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from functools import cached_property
-from multiprocessing import parent_process
 from typing import TYPE_CHECKING
 
 from pilotid.checks.checks import remarks
-from pilotid.estimate.estimate import Estimate, Outcome, failed
-from pilotid.estimate.loops import LoopElement, Loops
+from pilotid.estimate.estimate import Estimate
+from pilotid.estimate.loops import Loops
 from pilotid.estimate.method import Method, identify
 from pilotid.model.model import PilotModel
-from pilotid.naming.code import packed, reason, unpacked
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import NotMultisineError, forcing_sines
 from pilotid.support.numbers import fit_rng
 from pilotid.support.remarks import Remark, gravest_first, remark_of, remarks_json, without
-from pilotid.support.terminal import show_warning
-from pilotid.support.types import InputError, one_line
 
 if TYPE_CHECKING:
-    from pilotid.jobs import Loss
+    from pilotid.element_fit import ElementChoice
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +49,7 @@ class Fitted:
     model: PilotModel
     estimates: tuple[Estimate, ...]
     remarks: tuple[str, ...] = ()
-    loop_element: LoopElement | None = None
+    loop_element: ElementChoice | None = None
     choice: str = ""
     compared: tuple[Mapping[str, object], ...] = ()
     ignored: frozenset[str] = frozenset()
@@ -134,7 +131,7 @@ def fit_all(
     model: PilotModel,
     methods: Mapping[str, Method],
     seed: int,
-    loop_element: LoopElement | None = None,
+    loop_element: ElementChoice | None = None,
 ) -> Fitted:
     """Run methods, by their labels, on a recording, each with its own random generator.
 
@@ -147,45 +144,10 @@ def fit_all(
         `pilotid.element_fit.chosen_element`; None for no loops.
     """
     closed = recording if loop_element is None else loop_element.named_in(recording)
-    estimates = (
-        replace(_identified(method, label, closed, model, seed), method=label)
-        for label, method in methods.items()
-    )
+    with redirect_stdout(sys.stderr):  # what methods of others print is no part of an answer
+        estimates = tuple(
+            replace(identify(method, closed, model, fit_rng(seed, label)), method=label)
+            for label, method in methods.items()
+        )
     found = (*remarks(closed), *(loop_element.remarks if loop_element else ()))
-    return Fitted(recording, model, tuple(estimates), found, loop_element)
-
-
-def _identified(
-    method: Method, label: str, recording: Recording, model: PilotModel, seed: int
-) -> Estimate:
-    """An estimate; a method of others runs in a process of its own, on a copy of the recording.
-
-    What it prints, changes or ends is that process's alone.
-    """
-    rng = fit_rng(seed, label)
-    if type(method).__module__.partition(".")[0] == "pilotid" or parent_process() is not None:
-        return identify(method, recording, model, rng)
-    from pilotid.jobs import run_tasks
-
-    try:
-        task = packed((method, recording, model, rng))
-    except InputError as error:
-        return failed(label, model, Outcome.CRASHED, str(error))
-    (answer,) = run_tasks(_identify_packed, [task], _lost, 1)
-    if isinstance(answer, bytes):
-        estimate: Estimate = unpacked(answer)
-        return replace(estimate, model=model)
-    outcome, why = answer
-    return failed(label, model, outcome, why)
-
-
-def _identify_packed(task: bytes) -> bytes | tuple[Outcome, str]:
-    warnings.showwarning = show_warning
-    try:
-        return packed(identify(*unpacked(task)))
-    except BaseException as error:  # an interruption too: the user's go to another process
-        return Outcome.CRASHED, one_line(reason(error))
-
-
-def _lost(_: bytes, loss: Loss, why: str) -> tuple[Outcome, str]:
-    return Outcome[loss.name], why
+    return Fitted(recording, model, estimates, found, loop_element)

@@ -193,46 +193,6 @@ def _nearest(loop: ComplexArray, start: float) -> tuple[float, float] | None:
 
 
 @dataclass(frozen=True, eq=False)
-class LoopElement:
-    """The controlled element that loops are drawn with.
-
-    Attributes
-    ----------
-    element
-        None if none is known.
-    origin
-        ``given``, named by the ``recording``, or ``identified`` from its signals.
-    why
-        Why none is known, in a sentence.
-    remarks
-        Where what is said of it and what signals show disagree, a sentence each.
-    """
-
-    element: ControlledElement | None = None
-    origin: str = ""
-    why: str = ""
-    remarks: tuple[str, ...] = ()
-
-    def named_in(self, recording: Recording) -> Recording:
-        """The recording, naming the element that was given, for methods that need the loop."""
-        if self.origin != "given" or self.element is None:
-            return recording
-        return replace(recording, controlled_element=self.element.name)
-
-    @property
-    def words(self) -> str:
-        """The element and where it comes from."""
-        if self.element is None:
-            return self.why
-        origins = {
-            "recording": "named by the recording",
-            "identified": "identified from the signals",
-        }
-        name = self.element.name or "user-defined"
-        return f"loops with the controlled element {name}, {origins.get(self.origin, 'as given')}"
-
-
-@dataclass(frozen=True, eq=False)
 class Loop:
     """One open loop of an estimate.
 

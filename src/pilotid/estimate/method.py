@@ -9,41 +9,25 @@ import time
 import traceback
 from dataclasses import replace
 from importlib import import_module
-from types import NoneType
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 
 from pilotid.estimate.applicability import made_for, motionless_input
-from pilotid.estimate.draws import Draws
-from pilotid.estimate.estimate import Estimate, Outcome, Starts, failed
-from pilotid.estimate.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
+from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.estimate.parts import AnalysedBand
 from pilotid.estimate.warnings import all_remarks
 from pilotid.model.model import PilotModel
 from pilotid.naming.code import reason
 from pilotid.recording.recording import Recording, unit_sized
 from pilotid.support.numbers import require_settings
-from pilotid.support.types import FloatArray, InputError, one_line
+from pilotid.support.types import InputError, one_line
 
 #: The environment variable that asks for tracebacks of methods that raise.
 TRACEBACK = "PILOTID_TRACEBACK"
 
 #: Rounding that a correlation matrix may show: Kvis and tlead are correlated at -0.99.
 ROUNDING = 1e-6
-
-#: Types of what an estimate holds beside its arrays.
-PARTS: dict[str, tuple[type, ...]] = {
-    "outcome": (Outcome,),
-    "message": (str,),
-    "remarks": (tuple,),
-    "vaf": (float, np.floating, int),
-    "criterion": (float, np.floating, int),
-    "iterations": (int, np.integer),
-    "starts": (Starts, NoneType),
-    "remnant": (RemnantEstimate, NoneType),
-    "frequency_response": (FrequencyResponse, NoneType),
-    "draws": (Draws, NoneType),
-}
 
 
 class Method(Protocol):
@@ -84,30 +68,6 @@ class Method(Protocol):
         Returns
         -------
         Estimate
-        """
-        ...
-
-
-@runtime_checkable
-class Searching(Protocol):
-    """A method that searches for the optimum of a criterion, and can say what it missed.
-
-    A study sets the end of a fit against that of a search from the truth; a fit never knows
-    of it.
-    """
-
-    def criteria_from(
-        self, recording: Recording, model: PilotModel, sets: FloatArray
-    ) -> FloatArray:
-        """The criteria that searches reach which start at each of these alone, shape (sets,).
-
-        Parameters
-        ----------
-        recording, model
-            As for `Method.fit`.
-        sets
-            Parameters in model order, shape (sets, parameters); whatever is chosen before a
-            search, such as a band, is chosen as suits the first.
         """
         ...
 
@@ -155,7 +115,7 @@ def identify(
         estimate = replace(estimate, band=_band_of(method, recording))
     return replace(
         estimate,
-        message=one_line(estimate.message),
+        message=one_line(str(estimate.message)),
         remarks=all_remarks(estimate, recording),
         seconds=seconds,
     )
@@ -213,11 +173,9 @@ def fault_of(estimate: object, model: PilotModel) -> str:
             or given.dtype.kind not in "fiu"
         ):
             return f"its {name} are no array of real numbers of the shape {shape}"
-    for name, kinds in PARTS.items():
-        if not isinstance(getattr(estimate, name), kinds):
-            return f"its {name} is of the type {type(getattr(estimate, name)).__name__}"
-    if not 0 <= estimate.iterations < 2**63:  # what a study can store
-        return f"{estimate.iterations} iterations cannot be"
+    outcome: object = estimate.outcome
+    if not isinstance(outcome, Outcome):
+        return f"its outcome is of the type {type(outcome).__name__}"
     return _senseless(estimate) if estimate.outcome.usable else ""
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -86,7 +86,6 @@ def unit_words(unit: str) -> str:
 
 
 UNDETERMINED = "not determined"  # in the place of a value and its error
-LARGEST = 100.0  # standard error of a logarithm; exp of twice as much is a number still
 
 
 @dataclass(frozen=True)
@@ -104,6 +103,11 @@ class Quantity:
     determined
         Whether the recording tells it: False where the interval of a parameter ends at a bound, or
         that of a positive number spans more than a factor of ten.
+    highest_density
+        Of a posterior, the shortest 95 % interval; `value` is its mean, `std_error` its standard
+        deviation, and `lower` and `upper` have as much outside on either side.
+    effective, r_hat
+        Of a sampled parameter; NaN for functions of several.
     """
 
     key: str
@@ -113,13 +117,16 @@ class Quantity:
     lower: float
     upper: float
     determined: bool = True
+    highest_density: tuple[float, float] = (math.nan, math.nan)
+    effective: float = math.nan
+    r_hat: float = math.nan
 
     @property
     def interval(self) -> tuple[float, float]:
         """Lower and upper end of the 95 % interval."""
         return self.lower, self.upper
 
-    def shown(self, plus_minus: str = "±") -> tuple[str, str]:
+    def shown(self) -> tuple[str, str]:
         """Value with standard error, and interval, to the digits that the error allows."""
         if not math.isfinite(self.value):
             return "-", ""
@@ -129,7 +136,7 @@ class Quantity:
         if not (math.isfinite(error) and error > 0.0):
             return f"{self.value:.4g}", ""
         digits = decimals(error)
-        value = f"{self.value:.{digits}f} {plus_minus} {error:.{digits}f}"
+        value = f"{self.value:.{digits}f} ± {error:.{digits}f}"
         return value, f"{self.lower:.{digits}f} .. {self.upper:.{digits}f}"
 
     def to_dict(self) -> dict[str, object]:
@@ -188,23 +195,6 @@ def abreast(width: int) -> int:
     return max(1, (width - 20) // 40)  # an estimate takes some 40 characters
 
 
-@dataclass(frozen=True)
-class PosteriorQuantity(Quantity):
-    """A quantity's posterior: mean, standard deviation and equal-tailed interval.
-
-    Attributes
-    ----------
-    highest_density
-        The shortest 95 % interval.
-    effective, r_hat
-        Of a sampled parameter; NaN for functions of several.
-    """
-
-    highest_density: tuple[float, float] = (math.nan, math.nan)
-    effective: float = math.nan
-    r_hat: float = math.nan
-
-
 def spans_decade(lower: FloatArray | float, upper: FloatArray | float) -> BoolArray:
     """Whether intervals of positive numbers span more than a factor of ten, of their shape."""
     return np.asarray(upper > ESTIMATE.wide * np.asarray(lower))
@@ -218,13 +208,13 @@ def sampled(
     effective: float = math.nan,
     r_hat: float = math.nan,
     positive: bool = False,
-) -> PosteriorQuantity:
+) -> Quantity:
     """The posterior of a quantity, `positive` or not, from its draws, shape (draws,)."""
     mean, error = float(values.mean()), float(values.std())
     (low, high), densest = np.quantile(values, TAILS).tolist(), shortest_interval(values)
     known = not (positive and spans_decade(low, high))
     ends = float(densest[0]), float(densest[1])
-    return PosteriorQuantity(key, unit, mean, error, low, high, known, ends, effective, r_hat)
+    return Quantity(key, unit, mean, error, low, high, known, ends, effective, r_hat)
 
 
 #: Gain and lead time of the visual channel are correlated at about -0.99; their product, the
@@ -236,28 +226,10 @@ COMBINED = (
 )
 
 
-def _combined(keys: tuple[str, ...]) -> Iterator[tuple[str, int, int, bool]]:
-    """Key, places of the two parameters, and whether it is their sum, of each combination."""
-    for key in COMBINED:
-        first, second = re.split(r"[*+]", key)
-        if first in keys and second in keys:
-            yield key, keys.index(first), keys.index(second), "+" in key
-
-
-def combined_by_draws(draws: Draws) -> list[PosteriorQuantity]:
-    """Posteriors of the products and sums."""
-    found = []
-    for key, i, j, summed in _combined(draws.keys):
-        first, second = draws.values[:, i], draws.values[:, j]
-        own = first + second if summed else first * second
-        found.append(sampled(key, "s", own, positive=True))
-    return found
-
-
-def combined_by_delta(
-    keys: tuple[str, ...], values: FloatArray, covariance: FloatArray
+def combined(
+    keys: Sequence[str], values: FloatArray, covariance: FloatArray, draws: Draws | None = None
 ) -> list[Quantity]:
-    """Products and sums of parameters, with errors to first order.
+    """Products and sums of parameters, over draws where there are some, else to first order.
 
     Parameters
     ----------
@@ -265,64 +237,49 @@ def combined_by_delta(
         The parameters' keys.
     values, covariance
         The estimate, shapes (parameters,) and (parameters, parameters).
+    draws
+        Of the posterior.
     """
-    result = []
-    for key, i, j, summed in _combined(keys):
+    found = []
+    for key in COMBINED:
+        pair, summed = re.split(r"[*+]", key), "+" in key
+        if not set(pair) <= set(keys):
+            continue
+        i, j = map(keys.index, pair)
+        if draws is not None:
+            first, second = draws.values[:, i], draws.values[:, j]
+            both = first + second if summed else first * second
+            found.append(sampled(key, "s", both, positive=True))
+            continue
         value = float(values[i] + values[j] if summed else values[i] * values[j])
         slope = np.zeros(len(keys))
         slope[i], slope[j] = (1.0, 1.0) if summed else (values[j], values[i])
         error = float(np.sqrt(slope @ covariance @ slope))
         ends = value - Z95 * error, value + Z95 * error
-        known = not spans_decade(*ends)
-        result.append(Quantity(key, "s", value, error, *ends, determined=known))
-    return result
+        found.append(Quantity(key, "s", value, error, *ends, not spans_decade(*ends)))
+    return found
 
 
-@dataclass(frozen=True)
-class Pair:
-    """Two parameters that cannot be told apart.
-
-    Attributes
-    ----------
-    first, second
-        Their keys.
-    correlation
-        Of their errors, on the logarithmic scale for positive parameters.
-    combination
-        Their product or ratio, where it is known much better than either; else None.
-    """
+class Pair(NamedTuple):
+    """Keys of two parameters that cannot be told apart, and the correlation of their errors."""
 
     first: str
     second: str
     correlation: float
-    combination: Quantity | None
 
     @property
     def words(self) -> str:
         """What a user must know, in a sentence."""
-        told = f"{self.first} and {self.second} cannot be told apart "
-        told += f"(correlation {self.correlation:.2f}): "
-        if self.combination is None:
-            return told + "as far as one of them is wrong, so is the other"
-        kind, sign = ("product", " ") if self.correlation < 0.0 else ("ratio", "/")
-        value, _ = self.combination.shown("+-")
-        unit = f" {self.combination.unit}" if self.combination.unit else ""
-        name = f"{kind} {self.first}{sign}{self.second}"
-        return told + f"it is their {name} = {value}{unit} that is known"
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain objects, as JSON has them."""
-        known = self.combination
-        return {
-            "parameters": [self.first, self.second],
-            "correlation": self.correlation,
-            "combination": known and {"key": known.key, **known.to_dict()},
-        }
+        told = (
+            f"{self.first} and {self.second} cannot be told apart (correlation "
+            f"{self.correlation:.2f}): as far as one of them is wrong, so is the other"
+        )
+        both = [key for key in COMBINED if {*re.split(r"[*+]", key)} == {*self[:2]}]
+        return f"{told}; report {both[0]}" if both and self.correlation < 0.0 else told
 
 
 def inseparable(
-    keys: tuple[str, ...],
-    units: tuple[str, ...],
+    keys: Sequence[str],
     positive: BoolArray,
     values: FloatArray,
     covariance: FloatArray,
@@ -332,7 +289,7 @@ def inseparable(
 
     Parameters
     ----------
-    keys, units, positive
+    keys, positive
         The parameters, and which of them have a logarithm, shape (parameters,).
     values, covariance
         The estimate, shapes (parameters,) and (parameters, parameters).
@@ -355,33 +312,5 @@ def inseparable(
     correlation = spread / np.outer(error, error)
     relative = np.where(positive, error, error / np.maximum(np.abs(values), 1e-9))
     vague = np.maximum.outer(relative, relative) > ESTIMATE.well_known
-    found = []
-    for i, j in zip(
-        *np.nonzero(np.triu(vague & (np.abs(correlation) >= ESTIMATE.collinear), 1)), strict=True
-    ):
-        sign = -math.copysign(1.0, correlation[i, j])  # of the second's power
-        left = spread[i, i] + spread[j, j] + 2.0 * sign * spread[i, j]
-        known = None
-        worth = ESTIMATE.better**2 * left <= min(spread[i, i], spread[j, j])
-        if positive[i] and positive[j] and worth:
-            value = float(values[i] * values[j] ** sign)
-            # A wild fit may claim an error beyond all numbers, which is none.
-            off = min(math.sqrt(max(float(left), 0.0)), LARGEST)
-            known = Quantity(
-                keys[i] + ("*" if sign > 0.0 else "/") + keys[j],
-                _unit(units[i], units[j], divided=sign < 0.0),
-                value,
-                value * off,
-                value * math.exp(-Z95 * off),
-                value * math.exp(Z95 * off),
-            )
-        found.append(Pair(keys[i], keys[j], float(correlation[i, j]), known))
-    return found
-
-
-def _unit(first: str, second: str, *, divided: bool) -> str:
-    if not divided:
-        return " ".join(unit for unit in (first, second) if unit)
-    if first == second:
-        return ""
-    return f"{first or 1}/{second}" if second else first
+    found = np.argwhere(np.triu(vague & (np.abs(correlation) >= ESTIMATE.collinear), 1))
+    return [Pair(keys[i], keys[j], float(correlation[i, j])) for i, j in found]

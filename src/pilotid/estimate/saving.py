@@ -12,7 +12,7 @@ import numpy as np
 
 from pilotid.estimate.draws import Draws
 from pilotid.estimate.estimate import Estimate, Outcome, Starts
-from pilotid.estimate.parts import AnalysedBand, FrequencyResponse, RemnantEstimate, Specification
+from pilotid.estimate.parts import AnalysedBand, RemnantEstimate, Specification
 from pilotid.model.catalogue import MODELS
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
@@ -25,7 +25,7 @@ MOST = 2**30  # bytes of a file
 
 
 def save(estimate: Estimate, path: str | os.PathLike[str]) -> None:
-    """Write an estimate to a file in the form of ``pilotid fit --json``, draws and all.
+    """Write an estimate to a file in the form of ``pilotid fit --json``, with its draws.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def save(estimate: Estimate, path: str | os.PathLike[str]) -> None:
     path
         The file, which is written over.
     """
-    told = {"model": estimate.model.name, "estimates": [estimate.to_dict(whole=True)]}
+    told = {"model": estimate.model.name, "estimates": [estimate.to_dict(draws=True)]}
     write_file(Path(path), strict_json(told).encode())
 
 
@@ -43,7 +43,7 @@ def load_estimate(
 ) -> Estimate:
     """The estimate that `save` or ``pilotid fit --json`` wrote.
 
-    Of the latter it has neither draws nor the responses of a first step.
+    It has no responses of a first step, and of the latter no draws.
 
     Parameters
     ----------
@@ -88,7 +88,6 @@ def _estimate(told: dict[str, Any], model: PilotModel | None) -> Estimate:
     covariance = np.array(told["covariance"], dtype=float)
     errors = np.array([own["std_error"] for own in numbers.values()], dtype=float)
     outcome = next(o for o in Outcome if o.slug == told["outcome"])
-    response = told.get("frequency_response")
     return Estimate(
         told["method"],
         model,
@@ -101,7 +100,6 @@ def _estimate(told: dict[str, Any], model: PilotModel | None) -> Estimate:
         iterations=told["iterations"],
         starts=_made(Starts, told["starts"]),
         remnant=_made(RemnantEstimate, told.get("remnant")),
-        frequency_response=_response(response, model) if response else None,
         errors=None if np.array_equal(errors, np.sqrt(np.diag(covariance)), True) else errors,
         draws=_made(Draws, told.get("draws")),
         remarks=tuple(map(Remark, told["codes"], told["remarks"], told["grades"])),
@@ -129,22 +127,6 @@ def _made(kind: type[T], told: dict[str, Any] | None) -> T | None:
             value = tuple(value)
         own[field.name] = _number(value) if form == "float" else value
     return kind(**own)
-
-
-def _response(told: dict[str, Any], model: PilotModel) -> FrequencyResponse | None:
-    """The responses of a first step, None where their covariance was left out."""
-    if "covariance" not in told:
-        return None
-    every = [told[channel.name] for channel in model.channels]
-    value = np.array([np.array(own["real"]) + 1j * np.array(own["imag"]) for own in every])
-    systematic = [own["systematic"] for own in every if "systematic" in own]
-    return FrequencyResponse(
-        np.array(told["omega"]),
-        value,
-        np.array(told["covariance"]),
-        np.array(systematic) if systematic else None,
-        told.get("note", ""),
-    )
 
 
 def _model(told: dict[str, Any], held: dict[str, float]) -> PilotModel:

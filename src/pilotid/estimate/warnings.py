@@ -10,14 +10,13 @@ import numpy as np
 from pilotid.estimate.applicability import one_signal, shared_signals
 from pilotid.estimate.estimate import Estimate, Outcome, at_bounds
 from pilotid.estimate.quantities import spans_decade
-from pilotid.model.factors import Factor, Lag, Lead, Neuromuscular, Parameter
+from pilotid.model.factors import Parameter
 from pilotid.model.timevarying import STEEP
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import known_lines
 from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import Z95
 from pilotid.support.remarks import Remark, remark_of
-from pilotid.support.types import ComplexArray, FloatArray
+from pilotid.support.types import ComplexArray
 
 #: Codes of what a recording leaves open, which is no fault of recording, model or fit.
 OPEN = (
@@ -65,7 +64,7 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
             "hides it, or the model is wrong; compare with other methods and models"
         )
         found.append(Remark("little-explained", sentence, "doubt"))
-    for check in (_steps, _short_delays, _cancellations):
+    for check in (_steps, _short_delays):
         found += check(estimate)
     found += (Remark("inseparable", pair.words) for pair in estimate.inseparable)
     return (*found, *_poorly_identified(estimate))
@@ -169,48 +168,6 @@ def _short_delays(estimate: Estimate) -> Iterator[Remark]:
                 "(a lag, a slow neuromuscular system), or u was recorded early",
                 "note" if possible else "doubt",
             )
-
-
-def _cancellations(estimate: Estimate) -> Iterator[Remark]:
-    """Zeros and poles of a channel that are closer than their errors."""
-    index = {key: i for i, key in enumerate(estimate.model.keys)}
-    for channel in estimate.model.channels:
-        leads = dict.fromkeys(f for f in channel.factors if isinstance(f, Lead))
-        poles = [p for f in channel.dynamics for p in _poles(f, index, estimate.values)]
-        for lead in leads:
-            for name, logarithm, slope in poles:
-                i = index[lead.key]
-                off = math.log(float(estimate.values[i])) - logarithm
-                gradient = -slope
-                gradient[i] += 1.0 / estimate.values[i]
-                error = math.sqrt(max(float(gradient @ estimate.covariance @ gradient), 0.0))
-                if abs(off) < Z95 * error and error < ESTIMATE.vague_ratio:
-                    yield Remark(
-                        "pole-zero-cancellation",
-                        f"{lead.key} and {name} cancel to within their errors "
-                        f"({math.exp(off):.2f} +- {math.exp(off) * error:.2f} times as long): "
-                        "a model without the two would describe this recording as well",
-                    )
-
-
-def _poles(
-    factor: Factor, index: dict[str, int], values: FloatArray
-) -> Iterator[tuple[str, float, FloatArray]]:
-    """Real poles: name, logarithm of the time constant, and its slope by all parameters."""
-    slope = np.zeros(len(index))
-    if isinstance(factor, Lag):
-        i = index[factor.key]
-        slope[i] = 1.0 / values[i]
-        yield factor.key, math.log(float(values[i])), slope
-    if isinstance(factor, Neuromuscular):
-        f, d = index[factor.frequency_key], index[factor.damping_key]
-        frequency, damping = float(values[f]), float(values[d])
-        if damping > 1.0:
-            # T = (d + sqrt(d^2 - 1))/f is the slow one: d ln T/dd = 1/sqrt(d^2 - 1)
-            root = math.sqrt(damping**2 - 1.0)
-            slope[f], slope[d] = -1.0 / frequency, 1.0 / root
-            name = f"the neuromuscular system ({factor.frequency_key}, {factor.damping_key})"
-            yield name, math.log((damping + root) / frequency), slope
 
 
 def _poorly_identified(estimate: Estimate) -> Iterator[Remark]:

@@ -35,9 +35,8 @@ QUANTITY_COLUMNS = (
 )
 MODEL_COLUMNS = (
     *("model", "chosen", "pilot_parameters", "parameters", "remnant", "samples", "log_likelihood"),
-    *("aicc", "bic", "vaf", "left_out_vaf", "left_out_log_likelihood", "chi_squared", "freedom"),
-    *("chi_squared_per_freedom", "left_out_chi_squared", "change_p", "change_size"),
-    *("change_time", "remarks"),
+    *("aicc", "bic", "vaf", "left_out_log_likelihood", "chi_squared", "freedom"),
+    *("chi_squared_per_freedom", "left_out_chi_squared", "remarks"),
 )
 LEFT_OUT_COLUMNS = (
     *("run", "model", "method", "outcome", "vaf", "log_likelihood", "seconds"),

@@ -8,7 +8,7 @@ import numpy as np
 
 from pilotid.estimate.draws import TAILS, Draws
 from pilotid.estimate.loops import COUNT, Loop, sampled_loops
-from pilotid.estimate.quantities import PosteriorQuantity, combined_by_draws, sampled
+from pilotid.estimate.quantities import Quantity, combined, sampled
 from pilotid.likelihood.prediction import predict
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
@@ -91,7 +91,7 @@ def predictive_band(draws: Draws, likelihood: Marginal, rng: np.random.Generator
 BLOCK = 8  # parameter sets simulated at once
 
 
-def sampled_parameters(draws: Draws, model: PilotModel) -> list[PosteriorQuantity]:
+def sampled_parameters(draws: Draws, model: PilotModel) -> list[Quantity]:
     """The sampled parameters, the remnant's last."""
     units = {p.key: p.unit for p in model.parameters} | {"frequency": "rad/s"}
     return [
@@ -112,9 +112,9 @@ def derived(
     model: PilotModel,
     recording: Recording,
     element: ControlledElement | None,
-) -> list[PosteriorQuantity]:
+) -> list[Quantity]:
     """Products and sums of parameters, the VAF, and loop margins if the element is known."""
-    result = combined_by_draws(draws)
+    result = combined(draws.keys, draws.centre, draws.covariance, draws)
     some = draws.thinned(COUNT)[:, : len(model.parameters)]
     result.append(sampled("VAF", "%", vafs(recording, model, some)))
     if element is not None and not model.no_loop:
@@ -134,9 +134,7 @@ def vafs(recording: Recording, model: PilotModel, values: FloatArray) -> FloatAr
     return np.asarray(np.maximum(0.0, 100.0 * (1.0 - left / spread)))
 
 
-def _margins(
-    draws: Draws, model: PilotModel, element: ControlledElement
-) -> list[PosteriorQuantity]:
+def _margins(draws: Draws, model: PilotModel, element: ControlledElement) -> list[Quantity]:
     return [
         replace(quantity, key=f"{loop.name} {what}")
         for loop in _sampled(draws, model, element)
@@ -144,7 +142,6 @@ def _margins(
             ("crossover", loop.crossover),
             ("phase margin", loop.phase_margin),
         )
-        if isinstance(quantity, PosteriorQuantity)
     ]
 
 

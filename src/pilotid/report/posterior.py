@@ -10,7 +10,7 @@ import numpy as np
 
 from pilotid.estimate.draws import Draws
 from pilotid.estimate.fitted import Fitted
-from pilotid.estimate.quantities import UNDETERMINED, PosteriorQuantity
+from pilotid.estimate.quantities import UNDETERMINED, Quantity
 from pilotid.model.element import ControlledElement
 from pilotid.plots.posterior_figures import band, corner
 from pilotid.posterior.predictive import PredictiveBand
@@ -29,7 +29,7 @@ CSV_COLUMNS = (
 AGREE, ENOUGH = 1.01, 400.0
 
 
-def quantity_table(quantities: Sequence[PosteriorQuantity]) -> Table:
+def quantity_table(quantities: Sequence[Quantity]) -> Table:
     """A row for each quantity."""
 
     def ends(low: float, high: float, error: float) -> str:
@@ -57,7 +57,7 @@ def quantity_table(quantities: Sequence[PosteriorQuantity]) -> Table:
 
 def print_posterior(
     fit: Fitted,
-    quantities: Sequence[PosteriorQuantity] = (),
+    quantities: Sequence[Quantity] = (),
     predictive: PredictiveBand | None = None,
     notes: Sequence[str] = (),
 ) -> None:
@@ -78,7 +78,7 @@ def print_posterior(
 def write_posterior(
     folder: Path,
     fit: Fitted,
-    quantities: Sequence[PosteriorQuantity],
+    quantities: Sequence[Quantity],
     predictive: PredictiveBand,
     element: ControlledElement | None = None,
     notes: Sequence[str] = (),

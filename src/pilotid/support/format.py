@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import compress
 from typing import TYPE_CHECKING, NamedTuple
 
-from pilotid.support.terminal import PLAIN_WIDTH, print_table
+from pilotid.support.terminal import PLAIN_WIDTH
 from pilotid.support.types import printable
 
 if TYPE_CHECKING:
@@ -376,7 +376,7 @@ def print_frame(console: Console, table: Table) -> None:
     for number, part in enumerate(_parts(table, console.width)):
         if number:
             console.print()
-        print_table(console, _rich(table, console.encoding, part))
+        console.print(_rich(table, console.encoding, part))
 
 
 def _parts(table: Table, width: int) -> list[list[int]]:

@@ -115,7 +115,6 @@ class EstimateLimits(NamedTuple):
     #: least has 34 %; with the control recorded a second late the best fit has 12 %.
     least_vaf: float = 20.0
     vague: float = 0.25  # standard error over value of a parameter that is poorly identified
-    vague_ratio: float = 0.7  # standard error of log of a ratio of times that tells nothing
     shortest_delay: float = 0.1  # s, of people who track
     wide: float = 10.0  # ratio of the ends of an interval: the order of magnitude is told at most
     asymmetric: float = 3.0  # how much longer one side is, on the scale of the search
@@ -123,7 +122,6 @@ class EstimateLimits(NamedTuple):
     #: 10, at which regressors are called collinear (Marquardt, Technometrics 12, 1970).
     collinear: float = math.sqrt(0.9)
     well_known: float = 0.1  # relative standard error that needs no remark
-    better: float = 3.0  # by which a product or ratio is known better than either parameter
     lost_crossing: float = 0.02  # share of draws without the crossing that is worth a word
 
 

@@ -47,7 +47,6 @@ CODES: dict[str, tuple[Grade, str]] = {
     "little-explained": ("wrong", "the model explains next to nothing of the control"),
     "short-delay": ("doubt", "a delay is shorter than people's"),
     "shared-signals": ("doubt", "several channels act on one signal or the same two"),
-    "pole-zero-cancellation": ("note", "a lead and a lag cancel to within their errors"),
     "inseparable": ("note", "two parameters cannot be told apart"),
     "not-identifiable": ("note", "the interval of a parameter holds all allowed values"),
     "at-bound": ("doubt", "a parameter is at its bound"),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from pilotid.support.types import one_line
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import Console
 
 T = TypeVar("T")
 
@@ -29,17 +29,7 @@ def make_console(*, errors: bool = False) -> Console:
     return console
 
 
-def print_table(console: Console, table: RenderableType) -> None:
-    """Print without the spaces that fill each line up to the console's width."""
-    if console.is_terminal:
-        console.print(table)
-        return
-    with console.capture() as captured:
-        console.print(table)
-    lines = (line.rstrip() for line in captured.get().splitlines())
-    console.file.write("\n".join(lines).strip("\n") + "\n")
-
-
+@contextmanager
 def share_bar(what: str) -> Iterator[Callable[[float], None]]:
     """A bar on standard error, if that is a terminal, that is told the share that is done."""
     from rich.progress import Progress
