@@ -29,10 +29,12 @@ from pilotid.methods import method_named
 from pilotid.model.catalogue import MODELS
 from pilotid.model.element import ControlledElement
 from pilotid.recording.recording import Recording
-from pilotid.study.scores import WRONG
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.remarks import remark_of
 from pilotid.support.types import FloatArray, InputError
+
+#: Claimed errors beyond which an estimate is wrong.
+WRONG = 4.0
 
 Fault = Callable[[Recording, np.random.Generator], Recording]
 ALL = ("e", "u", "x", "ft", "fd")
