@@ -12,7 +12,6 @@ from pilotid.datasets import SCENARIOS, Scenario
 from pilotid.likelihood.constancy import (
     PLACES,
     Constancy,
-    changes,
     constancy,
     may_vary,
     score_of_changes,
@@ -22,7 +21,6 @@ from pilotid.likelihood.settings import LikelihoodSettings
 from pilotid.model.catalogue import ADAPTING, MULTI, SINGLE
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit, chi_squared_tail
 from pilotid.support.types import FloatArray
 
@@ -94,7 +92,8 @@ def constancy_of(recording: Recording, model: PilotModel) -> Constancy | None:
 def test_a_pilot_who_changes_is_seen(name: str) -> None:
     tested = constancy_of(recording_of(SCENARIOS[name]), SINGLE)
     assert tested is not None
-    assert changes(tested.p, tested.size)
+    assert tested.p < 0.01
+    assert tested.size >= 1.0 / 3.0
     assert tested.p < 1e-6
     assert tested.time == pytest.approx(41.92, abs=10.0)
     gain, lead = tested.steps
@@ -107,11 +106,4 @@ def test_constant_pilots_are_not_said_to_change(scenario: Scenario) -> None:
         recording = recording_of(scenario, replication)
         tested = constancy_of(recording, scenario.model)
         assert tested is not None
-        assert tested.p > ESTIMATE.changes / 10.0
-
-
-def test_a_change_is_said_where_it_is_certain_and_large() -> None:
-    assert changes(0.001, 0.4)
-    assert not changes(0.001, 0.2)
-    assert not changes(0.2, 0.9)
-    assert not changes(float("nan"), float("nan"))
+        assert tested.p > 0.001

@@ -187,9 +187,9 @@ def _estimate(estimate: Estimate, loops: Loops | None) -> Content:
     model, quantities = estimate.model, list[Content]()
     ends = dict(zip(model.keys, is_at_bound(model, estimate.values), strict=True))
     for row in frame_of(estimate.quantities).to_dict("records"):
-        why = "at its bound" if ends.get(row["parameter"], False) else "not determined"
-        kept = row["determined"] and why == "not determined"
-        quantities.append({"kind": PARAMETER, **row, LEFT_OUT: "" if kept else why})
+        why = "" if row["determined"] else "not determined"
+        why = "at its bound" if ends.get(row["parameter"], False) else why
+        quantities.append({"kind": PARAMETER, **row, LEFT_OUT: why})
     for loop in loops.shown if loops else ():
         low, high = loop.crossover.interval
         known = low > 0.0 and not spans_decade(low, high)

@@ -75,11 +75,6 @@ class Constancy:
         return ", ".join(f"{key} by {100.0 * step:+.0f} %" for key, step in steps)
 
 
-def changes(p: float, size: float) -> bool:
-    """Whether a pilot is said to change, by the chance and the largest share of a change."""
-    return p < ESTIMATE.changes and size >= ESTIMATE.changes_by
-
-
 def constancy(found: Optimum, recording: Recording) -> Constancy | None:
     """The test for gains and leads that change.
 

@@ -23,8 +23,7 @@ from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.prepare import (
-    Band,
-    decimation,
+    analysis_band,
     lowpass,
     prepare,
 )
@@ -82,17 +81,14 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
     remnant = estimate.remnant
     if remnant is not None:
         band, taps, _ = filter_of(remnant, recording.dt)
+        name, prediction = remnant.model, predict(recording, estimate.model, band.limit)
     else:
-        band = Band(recording.dt, decimation(recording.dt, LikelihoodSettings.band))
-    rate = None if band.factor == 1 else math.pi / band.dt
-    prediction = predict(recording, estimate.model, rate)
-    if remnant is not None:
-        name = remnant.model
-    else:
+        band = analysis_band(recording.dt, LikelihoodSettings.band)
+        prediction = predict(recording, estimate.model, band.limit)
         guess = best_noise_model(prediction.errors(estimate.values), band)
         name, taps = guess.model.name, guess.whitener(band)
     errors = prediction.errors(estimate.values, taps)
-    prepared = prepare(recording, estimate.model, rate)
+    prepared = prepare(recording, estimate.model, band.limit)
     scored = np.round(prepared.scored_time / recording.dt).astype(int) + recording.run_in
     inputs = {}
     for key in dict.fromkeys(channel.on for channel in estimate.model.channels):

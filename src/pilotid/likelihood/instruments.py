@@ -73,10 +73,8 @@ class Moments(Problem):
         self._prediction = prediction = found.joint.prediction
         self._taps, whitener = found.whitener, Whitener(found.whitener)
         self._whitened = Likelihood(replace(prediction, nuisance_poles=()), whitener)
-        rate = None if prediction.band.factor == 1 else np.pi / prediction.dt
-        other = replace(
-            predict(reference, prediction.model, rate), nuisance_poles=prediction.nuisance_poles
-        )
+        other = predict(reference, prediction.model, prediction.band.limit)
+        other = replace(other, nuisance_poles=prediction.nuisance_poles)
         self._instruments = self._weighed(Likelihood(other, whitener).rows(found.pilot[None]))[
             0, :-1
         ]

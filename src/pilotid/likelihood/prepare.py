@@ -319,6 +319,11 @@ class Band:
         """Sampling interval after decimation [s]."""
         return self.recorded_dt * self.factor
 
+    @property
+    def limit(self) -> float | None:
+        """The band as `prepare` takes it [rad/s]; None for the full sampling rate."""
+        return None if self.factor == 1 else math.pi / self.dt
+
     @cached_property
     def omega(self) -> FloatArray:
         """Frequencies inside the band [rad/s], shape (grid,)."""

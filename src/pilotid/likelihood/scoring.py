@@ -106,8 +106,7 @@ def _known_remnant(
     if remnant is None:
         return None
     band, taps, variance = filter_of(remnant, recording.dt)
-    rate = None if band.factor == 1 else math.pi / band.dt
-    return _Predicted(prepared(recording, rate), rate, taps, variance)
+    return _Predicted(prepared(recording, band.limit), band.limit, taps, variance)
 
 
 def _frame(

@@ -242,8 +242,7 @@ class Study:
     ) -> Iterator[Fit]:
         """Fit what is pending; each result is in the store before it comes out."""
         tasks = self.tasks(pending)
-        for answer in run_tasks(run_task, tasks, given_up, workers, scheduler, time_limit):
-            fit = answer
+        for fit in run_tasks(run_task, tasks, given_up, workers, scheduler, time_limit):
             if not fit.estimates:
                 origin, _ = self.pairs[fit.scenario, fit.method]
                 with suppress(InputError):  # of this pilot no bounds can be given

@@ -109,8 +109,7 @@ class EstimateLimits(NamedTuple):
     held: float = 0.02
     shared_by_halves: float = 1e-2  # least share of the information, in any direction, in each half
     independent: float = 0.01  # least share of the largest variance of autocovariances in a band
-    changes: float = 0.01  # p-value below which a pilot changes, if a gain or lead does
-    changes_by: float = 1.0 / 3.0  # by this share of its constant value
+    changes_by: float = 1.0 / 3.0  # of its constant value, by which a gain or lead changes
     #: VAF [%] below which a model explains next to nothing: of 110 recordings of human pilots the
     #: least has 34 %; with the control recorded a second late the best fit has 12 %.
     least_vaf: float = 20.0
