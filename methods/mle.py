@@ -29,10 +29,11 @@ from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.likelihood.diagnostics import fit_remarks, tested_specification
 from pilotid.likelihood.estimates import make_estimate
 from pilotid.likelihood.profile import profile_likelihood, with_profile
-from pilotid.likelihood.search import maximise_likelihood
+from pilotid.likelihood.search import maxima_from, maximise_likelihood
 from pilotid.likelihood.settings import LikelihoodSettings
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
+from pilotid.support.types import FloatArray
 
 #: What is said where no optimum passes `PilotCheck`.
 NO_PILOT = "no optimum is a pilot in a stable loop, or explains the control where none is known"
@@ -99,3 +100,9 @@ class MLE(LikelihoodSettings):
                 *fit_remarks(found, recording, asked_for_band=self.loop),
             ),
         )
+
+    def criteria_from(
+        self, recording: Recording, model: PilotModel, sets: FloatArray
+    ) -> FloatArray:
+        """Criteria of the optima that searches from these pilots alone reach, shape (sets,)."""
+        return np.array([each.criterion for each in maxima_from(recording, model, self, sets)])

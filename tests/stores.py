@@ -35,7 +35,7 @@ def finish(folder: Path, replications: int = 25) -> Store:
                 found = fit((scenario, method, replication), rng, truth)
                 store.add(found if rng.random() > 0.1 else failed(found))
         for method in NAMES:
-            store.add(drawn(("any", method, replication), rng))
+            store.add(replace(drawn(("any", method, replication), rng), excess=rng.normal()))
     return store
 
 

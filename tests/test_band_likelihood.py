@@ -30,7 +30,7 @@ from pilotid.likelihood.remnant_models import (
     NoiseModel,
     guess_parameters,
 )
-from pilotid.likelihood.search import first_fit, optimum_near
+from pilotid.likelihood.search import maxima_from
 from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS
 from pilotid.model.element import double_integrator, element_named
@@ -198,9 +198,7 @@ def test_the_element_that_closes_the_loop_is_what_signals_show() -> None:
 def test_what_is_not_known_of_the_element_is_in_the_intervals() -> None:
     """To first order: the optimum with an element of 2 % more gain is where the factor says."""
     scenario, recording = recorded("nominal", noise=3e-4)
-    settings = MLE(noise=LowPass(2))
-    first = first_fit(recording, scenario.model, settings, scenario.values[None])
-    found = optimum_near(first.joint.prediction, scenario.values, settings)
+    found = maxima_from(recording, scenario.model, MLE(noise=LowPass(2)), scenario.values[None])[0]
     prediction, joint = found.joint.prediction, found.joint
     weighting = prediction.weighting
     assert weighting is not None

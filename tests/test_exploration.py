@@ -30,6 +30,7 @@ from pilotid.likelihood.search import (
     first_fit,
     group_by_optimum,
     lines_pilot,
+    maxima_from,
     maximise_likelihood,
     optima,
     sweep,
@@ -184,6 +185,8 @@ def test_every_start_is_judged_in_one_band(seed: int) -> None:
     model, rng = position_pilot().model, np.random.default_rng(seed)
     first = first_fit(recording, model, MLE(), lines_pilot(recording, model, rng), rng)
     assert first.joint.band == analysis_band(0.01, 120.0)
+    near, far = maxima_from(recording, model, MLE(), model.start * np.array([[1.0], [1.3]]))
+    assert near.joint.band == far.joint.band
 
 
 def test_the_band_is_wider_where_the_loop_gain_is_flat_above_band() -> None:
@@ -239,3 +242,11 @@ def test_a_profile_that_comes_upon_a_better_optimum_says_where() -> None:
     there = np.array([[2.0, 0.0]])
     lower = replace(minima_at(there, np.ones(1)), gram=gram(there))
     assert profile_intervals(gram, Line(), lower, 1.0, 2).better is None
+
+
+def test_criteria_from_the_optimum_and_from_the_truth_agree() -> None:
+    recording = simulate(NOMINAL, np.random.default_rng(5))
+    estimate = fit_of(MLE(), NOMINAL)
+    sets = np.array([estimate.values, NOMINAL.values])
+    own, true = MLE().criteria_from(recording, NOMINAL.model, sets)
+    assert own == pytest.approx(true, abs=0.5)

@@ -19,7 +19,7 @@ KEYS = {"single": ("Kvis", "tdvis"), "rate": ("Kvis", "tdvis", "Km")}
 POPULATION = "population-usual"
 
 
-def fitted(method: str, replication: int, *, size: float = 1.0) -> Fit:
+def fitted(method: str, replication: int, *, size: float = 1.0, excess: float | None = None) -> Fit:
     """A fit that claims the bound and errs by `size` times as much."""
     rng = np.random.default_rng(replication)
     noise = np.random.default_rng((replication, sum(map(ord, method))))
@@ -35,7 +35,7 @@ def fitted(method: str, replication: int, *, size: float = 1.0) -> Fit:
     }  # fmt: skip
     key, drawn = (POPULATION, method, replication), {"model": model, "facts": facts}
     ended = "converged", "", True, 80.0, 5, 0.02
-    return Fit(*key, *ended, estimates=tuple(rows), **drawn)
+    return Fit(*key, *ended, excess=excess, estimates=tuple(rows), **drawn)
 
 
 def fill(store: Store, fits: Sequence[Fit]) -> None:
@@ -53,7 +53,7 @@ def of_all_kinds() -> list[Fit]:
     """A careful method, a bold one, one that fails, one that objects, one with few fits."""
     found = []
     for r in range(60):
-        found.append(fitted("mle", r, size=0.8))
+        found.append(fitted("mle", r, size=0.8, excess=10.0 if r < 3 else 0.0))
         found.append(fitted("mle-white", r, size=4.0))
         found.append(fitted("arx", r) if r % 5 else ended("arx", r, "died", "signal SIGKILL"))
         found.append(ended("fourier", r, "not-applicable", "needs two forcing functions"))

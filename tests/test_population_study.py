@@ -27,6 +27,7 @@ from pilotid.study.scores import parameters_of, strata_of
 from pilotid.study.study import Study
 from pilotid.study.table import Fit, Store, read_study
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng
+from pilotid.support.types import FloatArray
 
 #: Short recordings of one run, so that a study of them takes seconds.
 QUICK = replace(
@@ -42,7 +43,7 @@ SEED, COUNT = 4, 6
 
 @dataclass(frozen=True)
 class Fake:
-    """Says that every parameter is 1."""
+    """Says that every parameter is 1; its criterion is far off where the model has 5 of them."""
 
     name: ClassVar[str] = "fake"
     objects: bool = False
@@ -57,6 +58,15 @@ class Fake:
         intervals = symmetric_intervals(values, covariance)
         return Estimate(self.name, model, Outcome.CONVERGED, values, covariance, intervals)
 
+    def criteria_from(
+        self, recording: Recording, model: PilotModel, sets: FloatArray
+    ) -> FloatArray:
+        # The study alone knows the truth.
+        assert sets.shape == (2, len(model.keys))
+        assert np.all(sets[0] == 1.0)
+        assert not np.allclose(sets[1], model.start)
+        return np.array([105.0 if len(model.keys) == 5 else 101.0, 100.0])
+
 
 @dataclass(frozen=True)
 class Spy(MLEWhite):
@@ -70,6 +80,18 @@ class Spy(MLEWhite):
             held = (*model.start, *(v for v in vars(recording).values() if np.ndim(v) == 0))
             assert not set(scenario.truth) & {x for x in held if isinstance(x, float)}
         return super().fit(recording, model, rng)
+
+
+@dataclass(frozen=True)
+class Dies(Fake):
+    """A search from the truth that raises costs no fit."""
+
+    name: ClassVar[str] = "dies"
+
+    def criteria_from(
+        self, recording: Recording, model: PilotModel, sets: FloatArray
+    ) -> FloatArray:
+        raise ValueError("no such start")
 
 
 STUDY = Study([QUICK], [MLEWhite(), Fake(), Fake(objects=True)], COUNT, SEED)
@@ -189,6 +211,22 @@ def test_scores_are_in_units_of_the_claim_and_of_the_bound(finished: Path) -> No
     assert score_of(finished, "fake", "fnm").beyond_3 == 1.0
 
 
+@pytest.mark.long
+def test_wrong_optima_are_found_by_the_study(finished: Path, tmp_path: Path) -> None:
+    fake, white = score_of(finished, "fake"), score_of(finished, "mle-white")
+    models = Counter(fit.model for fit in fits_of(finished, "fake"))
+    assert (fake.wrong_optima, fake.optima) == (models["single"], COUNT)
+    assert {fit.excess for fit in fits_of(finished, "fake")} == {5.0, 1.0}
+    assert (white.wrong_optima, white.optima) == (0, 0)  # it has no such search
+    run(tmp_path, Study([QUICK], [Dies()], 2, SEED))
+    ends = [(fit.outcome, fit.excess) for fit in fits_of(tmp_path, "dies")]
+    assert ends == [("converged", None)] * 2
+    # On a scenario with one truth nobody asks for it.
+    ordinary = replace(pilotid.SCENARIOS["single"], name="quick", duration=30.0)
+    Study([ordinary], [Fake()], 1, SEED).run_in(tmp_path / "other", 1)
+    assert [fit.excess for fit in fits_of(tmp_path / "other", "fake")] == [None]
+
+
 def test_strata_and_parameters_stand_in_the_table(finished: Path) -> None:
     table = rows(finished, "population.csv")
     own = [r for r in table if r["method"] == "fake" and r["parameter"] == "all"]
@@ -198,7 +236,8 @@ def test_strata_and_parameters_stand_in_the_table(finished: Path) -> None:
         assert sum(int(r["recordings"]) for r in parts) == COUNT, stratum
         assert sum(int(r["n"]) for r in parts) == int(own[0]["n"])
     (single,) = (r for r in own if r["value"] == "single")
-    assert int(single["recordings"]) > 0
+    assert single["wrong_optima"] == single["recordings"]
+    assert all(r["wrong_optima"] == "" for r in table if r["method"] == "mle-white")
     assert {r["loss"] != "" for r in own} == {True}
     whole = [r for r in table if (r["method"], r["stratum"]) == ("fake", "all")]
     assert [r["parameter"] for r in whole[1:]] == [

@@ -87,6 +87,24 @@ def maximise_likelihood(
     return replace(best, starts=starts, lines_pilot=lines, competing=competing)
 
 
+def maxima_from(
+    recording: Recording, model: PilotModel, settings: LikelihoodSettings, sets: FloatArray
+) -> list[Optimum]:
+    """The optima that are reached from pilots alone.
+
+    Parameters
+    ----------
+    recording, model, settings
+        As for `maximise_likelihood`.
+    sets
+        Pilot parameters, shape (sets, parameters); band and nuisance terms suit the first.
+    """
+    first = first_fit(recording, model, settings, sets[:1])
+    whole = first.joint.prediction
+    prediction = replace(whole, nuisance_poles=whole.noticeable_terms(sets[0], first.whitener))
+    return [optimum_near(prediction, pilot, settings) for pilot in sets]
+
+
 def lines_pilot(
     recording: Recording, model: PilotModel, rng: np.random.Generator
 ) -> FloatArray | None:

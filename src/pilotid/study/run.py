@@ -11,7 +11,7 @@ import numpy as np
 
 from pilotid.bounds import bounds
 from pilotid.checks.checks import remarks
-from pilotid.datasets import Scenario, simulate
+from pilotid.datasets import Population, Scenario, simulate
 from pilotid.datasets.experiments import bound_of, experiment_of
 from pilotid.datasets.named import AnyScenario
 from pilotid.estimate.estimate import Estimate, Outcome
@@ -68,6 +68,7 @@ def run_task(task: Task) -> Fit:
         # A label of the user's own moves no number.
         rng = fit_rng(seed, label_of(method), name, replication)
         estimate = identify(method, recording, model, rng)
+        drawn = isinstance(origin, Population)
         ended = Fit(
             *key,
             estimate.outcome.slug,
@@ -77,6 +78,7 @@ def run_task(task: Task) -> Fit:
             int(estimate.iterations),
             number(estimate.seconds),
             estimate.draws is not None,
+            excess_of(method, recording, estimate, scenario) if drawn else None,
             told(remarks_of(origin, seed, shown), estimate),
         )
         found = {q.key: (q.value, q.std_error, q.lower, q.upper) for q in estimate.parameters}
@@ -147,6 +149,25 @@ def told(remarked: tuple[str, ...], estimate: Estimate) -> str:
     found = [*(f"recording: {remark}" for remark in remarked), *own]
     line = " | ".join(found)
     return line if len(line) <= LONGEST_TOLD else f"{line[: LONGEST_TOLD - 4]} ..."
+
+
+def excess_of(
+    method: Method, recording: Recording, estimate: Estimate, scenario: Scenario
+) -> float | None:
+    """The criterion of a fit over that of a search by its method which starts at the truth.
+
+    None where the method has no criterion, or where that search fails, which is no fault of
+    the fit.
+    """
+    criteria_from = getattr(method, "criteria_from", None)
+    if criteria_from is None or not estimate.outcome.usable:
+        return None
+    try:
+        sets = np.array([estimate.values, scenario.values])
+        own, best = criteria_from(recording, estimate.model, sets)
+        return number(own - best)
+    except Exception:
+        return None
 
 
 def started(scenario: Scenario, seed: int, replication: int) -> PilotModel:

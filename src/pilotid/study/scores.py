@@ -54,6 +54,8 @@ EFFICIENT_VARIANCE = (0.05 - Z95 * SHORTFALL - SHORTFALL**2) * (MISSED / EFFICIE
 RESAMPLES = 1000
 ROUNDING = 1e-12  # what is smaller, of logarithms and of their variances, is zero
 FAR = 3.0  # an honest standardised error is beyond this in 0.27 % of all cases
+#: A fit ends in a wrong optimum if its criterion exceeds that of a search from the truth by more.
+WRONG = 4.0
 TRIMMED = 0.01  # share of the largest errors that the trimmed score leaves out
 MEDIAN_SIZE = 0.674490  # median of the absolute value of a standard normal variable
 
@@ -131,8 +133,9 @@ def score(measured: DataFrame) -> DataFrame:
     of their own; coverage of the 95 % intervals, its own 95 % interval, and how many independent
     intervals (``worth``) they are; of error over claimed error mean, skewness, root mean square,
     the same with 1 % left out and the share beyond 3; of error over bound the root mean square and
-    its counterpart of the median; the loss with its 95 % interval, and that of the fits that ended
-    well; median seconds of a fit; and recordings of which a user is told something.
+    its counterpart of the median; fits in a wrong optimum, of those (``optima``) for which that
+    is known; the loss with its 95 % interval, and that of the fits that ended well; median seconds
+    of a fit; and recordings of which a user is told something.
 
     Parameters
     ----------
@@ -160,7 +163,7 @@ def score(measured: DataFrame) -> DataFrame:
 #: Columns of what is measured that scores are made of.
 USED = (
     *("parameter", "first", "tried", "usable", "posterior", "warned", "population", "truth"),
-    *("bound", "value", "std_error", "seconds", "error", "z", "ratio", "hit", "loss"),
+    *("bound", "value", "std_error", "seconds", "excess", "error", "z", "ratio", "hit", "loss"),
 )
 
 
@@ -194,10 +197,10 @@ def _scores_of(own: dict[str, Any], keys: list[str], name: str) -> Iterator[dict
 def _row(own: dict[str, Any], key: str) -> dict[str, Any]:
     """What one parameter, or all, have scored but for the loss."""
     fits = own["first"] | (key != ALL)
-    tried, usable, warned, seconds = (
-        own[name][fits] for name in ("tried", "usable", "warned", "seconds")
+    tried, usable, warned, excess, seconds = (
+        own[name][fits] for name in ("tried", "usable", "warned", "excess", "seconds")
     )
-    seconds = seconds[np.isfinite(seconds)]
+    excess, seconds = excess[tried & np.isfinite(excess)], seconds[np.isfinite(seconds)]
     error = np.isfinite(own["error"])
     claims, bounded, given = (error & np.isfinite(own[name]) for name in ("z", "ratio", "hit"))
     z, of_z = own["z"][claims], own["recording"][claims]
@@ -235,6 +238,8 @@ def _row(own: dict[str, Any], key: str) -> dict[str, Any]:
         "worth": worth,
         "z_skew": skewness(z),
         "median_over_bound": typical(ratio),
+        "wrong_optima": int((excess > WRONG).sum()),
+        "optima": int(excess.size),
         "seconds": float(np.median(seconds)) if seconds.size else math.nan,
         "warned": int((tried & warned).sum()),
         **{name: x for names, pair in pairs.items() for name, x in zip(names, pair, strict=True)},

@@ -44,7 +44,7 @@ POPULATION = [
     *("coverage_95", "coverage_se", "mean_z", "mean_z_se", "rms_z", "rms_z_se"),
     *("rms_z_trimmed", "rms_z_trimmed_se", "beyond_3", "beyond_3_se"),
     *("rmse_over_bound", "rmse_over_bound_se", "median_over_bound"),
-    *("failures", "not_applicable", *LOSS),
+    *("failures", "not_applicable", "wrong_optima", "optima", *LOSS),
 ]
 #: Which rows of a store are scenarios, methods and fits; that without names has the facts.
 SCENARIOS = "scenario != '' AND method = ''"
@@ -72,6 +72,9 @@ class Fit:
         See `pilotid.estimate.estimate.Estimate`.
     posterior
         Whether the standard errors are those of a posterior distribution.
+    excess
+        Of a fit to a recording of a population: the criterion over that of a search which
+        starts at the truth, where the method has a ``criteria_from`` as `MLE` does.
     remarks
         What a user would have been told of the recording and of the estimate, on one line, see
         `pilotid.study.run.told`; empty for nothing.
@@ -93,6 +96,7 @@ class Fit:
     iterations: int = 0
     seconds: float | None = None
     posterior: bool = False
+    excess: float | None = None
     remarks: str = ""
     model: str = ""
     facts: Mapping[str, str | float] = field(default_factory=dict)
@@ -211,7 +215,7 @@ class Store(Rows):
 #: Columns of a frame that are the same for all parameters of a fit, and those that are not.
 OF_FIT = (
     *("scenario", "method", "replication", "outcome", "message", "usable", "posterior"),
-    *("seconds", "remarks", "model"),
+    *("seconds", "excess", "remarks", "model"),
 )
 OF_PARAMETER = ("parameter", "unit", "truth", "bound", "value", "std_error", "lower", "upper")
 
@@ -234,7 +238,7 @@ def frame_of(fits: Iterable[Fit]) -> DataFrame:
                 yield *own, *drawn, *known
 
     frame = DataFrame(list(rows()), columns=columns)
-    for name in (*NUMBERS, "seconds", *OF_PARAMETER[2:]):
+    for name in (*NUMBERS, "seconds", "excess", *OF_PARAMETER[2:]):
         numbers = to_numeric(frame[name], errors="coerce").astype(float)
         frame[name] = numbers.where(np.isfinite(numbers))
     frame["bound"] = frame.bound.where(frame.bound != 0.0)
@@ -249,7 +253,7 @@ class Comparison:
     ----------
     frame
         A row for each scenario, method, replication and parameter: ``outcome``, ``message``,
-        ``usable``, ``posterior``, ``seconds``, ``remarks``, ``model``, facts on the
+        ``usable``, ``posterior``, ``seconds``, ``excess``, ``remarks``, ``model``, facts on the
         draw of a population, ``parameter``, ``unit``, ``truth``, ``bound``, ``value``,
         ``std_error``, ``lower``, ``upper``; see `Fit`.
     scenarios, methods
@@ -358,7 +362,9 @@ class Comparison:
         scores.csv has all scores; summary.csv and population.csv, if there is a population, the
         commonest of them.  results.parquet is the frame, where pyarrow is installed.
         """
-        scores = self.scores
+        scores = self.scores.astype({"wrong_optima": object})
+        # Where no optimum is known, nobody can say how many are wrong.
+        scores["wrong_optima"] = scores.wrong_optima.where(scores.optima > 0)
         drawn = scores.scenario.map({name: e.population for name, e in self.scenarios.items()})
         tables = {
             "summary.csv": self.to_dataframe(summary=True),
