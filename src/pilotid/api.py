@@ -251,11 +251,10 @@ def trust(
     Trust
         Bias, coverage and corrected interval of each parameter, and the comparison of methods.
     """
-    from pilotid.study.trust import trial_of
+    from pilotid.study.trust import try_fit
 
-    chosen = which_model(recording, seed=seed).model if model is None else model
-    trial = trial_of(recording, _model(chosen), methods, seed)
-    return trial.run(Path(out), replications, seed, workers)
+    chosen = which_model(recording, seed=seed).model if model is None else _model(model)
+    return try_fit(recording, chosen, methods, Path(out), replications, seed, workers)
 
 
 @ranged

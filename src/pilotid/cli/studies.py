@@ -172,14 +172,15 @@ def compare_studies(first: Path, second: Path) -> None:
 
 def scenario_like(path: Path, seed: int) -> Scenario:
     """The scenario of a recording, or the one in a `trust.json`."""
+    from pilotid.datasets import Scenario
     from pilotid.datasets.named import designed_scenario
-    from pilotid.study.trust import trial_of
+    from pilotid.study.trust import fits_of
 
     if path.suffix.lower() == ".json":
         return designed_scenario(path)
     recording = load_recording(path)
     model = options.selected_model(recording, AUTO, seed)
-    return trial_of(recording, model, ["mle"], seed).scenario
+    return Scenario.from_fit(fits_of(recording, model, seed=seed)[0], recording)
 
 
 def trust(
@@ -202,7 +203,7 @@ def trust(
     from pilotid.methods import methods
     from pilotid.report.study import overview, write_report
     from pilotid.report.study_tables import advice, trust_table
-    from pilotid.study.trust import TRUST, UNKNOWN, trial_of
+    from pilotid.study.trust import TRUST, UNKNOWN, try_fit
 
     disk.require_folder(out, TABLES, read_with(files), force=force)
     recordings, _ = reading.all(files, joint=len(files) > 1)
@@ -210,12 +211,12 @@ def trust(
     if element is not None:
         recording = replace(recording, controlled_element=element_named(element).name)
     chosen = options.selected_model(recording, model, seed)
-    trial = trial_of(recording, chosen, options.names_of(method, [], list(methods())), seed)
+    tried = options.names_of(method, [], list(methods()))
 
     def progress(results: Iterator[Fit], counts: Mapping[str, int]) -> Iterator[Fit]:
         return with_bar(results, "fits", sum(counts.values()))
 
-    found = trial.run(out, replications, seed, workers, progress)
+    found = try_fit(recording, chosen, tried, out, replications, seed, workers, progress)
     page = write_report(out, found.comparison)
     told = found.to_dict()
     words, losses, rankings = overview(found.comparison)

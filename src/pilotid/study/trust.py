@@ -7,10 +7,11 @@ parametric bootstrap.  What it tells holds as far as the pilot is linear and the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,6 @@ from pilotid.model.catalogue import MODELS
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.study.judge import judge
-from pilotid.study.scores import Mean
 from pilotid.study.study import Bar, Study
 from pilotid.study.table import Comparison
 from pilotid.support.disk import make_folder, strict_json, write_file
@@ -70,59 +70,9 @@ def length_factor(value: FloatArray, lower: FloatArray, upper: FloatArray, truth
     return float(np.sort(needed)[place - 1])
 
 
-@dataclass(frozen=True)
-class Trusted:
-    """What simulations say of one parameter of a fit.
-
-    Attributes
-    ----------
-    parameter, unit, value
-        Key, unit, and value in the recording.
-    interval_95, corrected_95
-        The claimed interval, and the one whose length is multiplied by `factor`.
-    bias, bias_claimed
-        Mean error on simulations, in the parameter's unit and in claimed standard errors, each
-        with its Monte Carlo error.
-    coverage, coverage_95
-        Share of the 95 % intervals that hold the truth on simulations, with its 95 % interval.
-    factor
-        See `length_factor`.
-    """
-
-    parameter: str
-    unit: str
-    value: float
-    interval_95: tuple[float, float]
-    corrected_95: tuple[float, float]
-    bias: Mean
-    bias_claimed: Mean
-    coverage: float
-    coverage_95: tuple[float, float]
-    factor: float
-
-    @property
-    def is_off(self) -> bool:
-        """Whether the coverage is not 95 %, beyond its Monte Carlo error."""
-        low, high = self.coverage_95
-        return low > COVERED or high < COVERED
-
-    def sentence(self, method: str) -> str:
-        """What to do about an interval whose coverage is off."""
-        low, high = (100.0 * end for end in self.coverage_95)
-        words = (
-            f"{method}'s interval of {self.parameter} covers {100.0 * self.coverage:.0f} % here "
-            f"({low:.0f} to {high:.0f} %)"
-        )
-        if math.isnan(self.factor):
-            return f"{words}; more simulations tell what its length should be."
-        if math.isinf(self.factor):
-            return f"{words}, and no length mends it."
-        return f"{words}: multiply its length by {self.factor:.2g}."
-
-
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """A fit that is to be tried on simulations of its recording.
+class Trust:
+    """What simulations of a recording say of a fit to it.
 
     Attributes
     ----------
@@ -130,122 +80,67 @@ class Trial:
         Where the recording came from.
     estimate, label
         The fit of the recording, and the label of its method.
-    scenario
-        What is to be simulated.
-    methods
-        Those that the user named; none for all that apply.
     specification
         The test of the simulated fit against the forcing functions; None where there is none.
+    comparison
+        All fits of the simulations.
     """
 
     recording: str
     estimate: Estimate
     label: str
-    scenario: Scenario
-    methods: tuple[Method, ...]
-    specification: Specification | None = None
-
-    def run(
-        self,
-        folder: Path,
-        replications: int,
-        seed: int = DEFAULT_SEED,
-        workers: int | None = None,
-        bar: Bar = lambda results, _: results,
-    ) -> Trust:
-        """Simulate and fit in a folder, which holds the study and `trust.json` then.
-
-        Parameters
-        ----------
-        folder
-            Where; what was done there is not done again.
-        replications, seed
-            Simulations, and the seed of all random numbers.
-        workers
-            Processes; None for one for each processor.
-        bar
-            Shows results as they come: the results, and how many there will be by method.
-
-        Raises
-        ------
-        InputError
-            If the folder holds another trial.
-        """
-        make_folder(folder)
-        path, known = folder / TRUST, MODELS.get(self.scenario.model.name) == self.scenario.model
-        scenario: AnyScenario | str = self.scenario
-        held: dict[str, object] = {"seed": seed}
-        if known:  # otherwise no file can name the model
-            held["scenario"] = scenario_json(self.scenario)
-            if path.exists() and designed_scenario(path) != self.scenario:
-                raise InputError(
-                    f"{path}: is of another recording, model or method; name another folder "
-                    "with --out"
-                )
-            write_file(path, strict_json(held).encode())
-            scenario = str(path)
-        tried = self.methods or list(methods().values())
-        study = Study([scenario], tried, replications, seed)
-        found = Trust(self, study.run_in(folder, workers, bar))
-        found.comparison.write(folder)
-        write_file(path, strict_json({**found.to_dict(), **held}).encode())
-        return found
-
-
-@dataclass(frozen=True, eq=False)
-class Trust:
-    """Methods compared on simulations of one recording.
-
-    Attributes
-    ----------
-    trial
-        The fit, and what was simulated.
-    comparison
-        All fits of the simulations.
-    """
-
-    trial: Trial
+    specification: Specification | None
     comparison: Comparison
 
     @cached_property
-    def parameters(self) -> tuple[Trusted, ...]:
-        """What the simulations say of each parameter of the fit."""
-        own = self.trial.scenario.name, self.trial.label
-        fits, scores = self.comparison.cell(*own), self.comparison.scored(*own)
-        if not len(scores):
-            return ()
-        found = []
-        rows = list(scores.itertuples())[1:]
-        for i, (q, row) in enumerate(zip(self.trial.estimate.parameters, rows, strict=True)):
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """What the simulations say of each parameter of the fit, by its key.
+
+        ``value`` in the recording, ``unit``; ``interval_95`` as claimed, and ``corrected_95``,
+        whose length is multiplied by ``factor``, see `length_factor`; ``bias``, the mean error on
+        simulations, in the parameter's unit, and ``bias_claimed``, in claimed standard errors,
+        each with its Monte Carlo error; ``coverage`` of the 95 % intervals on simulations, with
+        its own 95 % interval, ``coverage_95``.
+        """
+        (scenario,) = self.comparison.scenarios
+        fits = self.comparison.cell(scenario, self.label)
+        scores = self.comparison.scored(scenario, self.label).set_index("parameter")
+        known = {}
+        model = self.estimate.model
+        for q, *limits in zip(self.estimate.parameters, model.lower, model.upper, strict=True):
+            if q.key not in scores.index:
+                continue
+            row = scores.loc[q.key]
             good = fits[fits.usable & (fits.parameter == q.key)]
-            value, *ends = (good[name].to_numpy() for name in ("value", "low", "high"))
-            factor = length_factor(value, ends[0], ends[1], row.truth)
+            ends = (good[name].to_numpy() for name in ("value", "low", "high"))
+            factor = length_factor(*ends, row.truth)
             low = q.value - factor * (q.value - q.lower)
             high = q.value + factor * (q.upper - q.value)
             if math.isfinite(factor):  # no end lies outside the bounds of the search
-                model = self.trial.estimate.model
-                low, high = max(low, model.lower[i]), min(high, model.upper[i])
-            found.append(
-                Trusted(
-                    q.key,
-                    q.unit,
-                    q.value,
-                    (q.lower, q.upper),
-                    (low, high),
-                    Mean(row.bias, row.bias_se),
-                    Mean(row.mean_z, row.mean_z_se),
-                    row.coverage_95,
-                    (row.coverage_lower, row.coverage_upper),
-                    factor,
-                )
-            )
-        return tuple(found)
+                low, high = max(low, limits[0]), min(high, limits[1])
+            known[q.key] = {
+                "parameter": q.key,
+                "unit": q.unit,
+                "value": q.value,
+                "interval_95": (q.lower, q.upper),
+                "corrected_95": (low, high),
+                "bias": (row.bias, row.bias_se),
+                "bias_claimed": (row.mean_z, row.mean_z_se),
+                "coverage": row.coverage_95,
+                "coverage_95": (row.coverage_lower, row.coverage_upper),
+                "factor": factor,
+            }
+        return known
 
     @property
     def sentences(self) -> list[str]:
         """What makes the simulations worthless, and each parameter whose coverage is off."""
-        tested = self.trial.specification
-        told = [p.sentence(self.trial.label) for p in self.parameters if p.is_off]
+        tested = self.specification
+        told = [
+            _advice(self.label, p)
+            for p in self.parameters.values()
+            if not p["coverage_95"][0] <= COVERED <= p["coverage_95"][1]
+        ]
         if tested is None or tested.agrees:
             return told
         return [
@@ -255,38 +150,54 @@ class Trust:
             *told,
         ]
 
-    def to_dict(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain objects, as `trust.json` has them, but for the scenario."""
+        (scenario,) = self.comparison.scenarios
         return {
-            "recording": self.trial.recording,
-            "model": self.trial.estimate.model.name,
-            "method": self.trial.label,
-            "replications": self.comparison.replications(self.trial.scenario.name),
-            "parameters": {p.parameter: asdict(p) for p in self.parameters},
+            "recording": self.recording,
+            "model": self.estimate.model.name,
+            "method": self.label,
+            "replications": self.comparison.replications(),
+            "parameters": self.parameters,
             "methods": {
                 row.method: {
                     "loss": row.loss,
                     "loss_95": [row.loss_lower, row.loss_upper],
                     "coverage": row.coverage_95,
-                    "verdict": judge(self.comparison.scored(row.scenario, row.method)).words,
+                    "verdict": judge(self.comparison.scored(scenario, row.method)).words,
                 }
-                for row in self.comparison.of(self.trial.scenario.name).itertuples()
+                for row in self.comparison.of(scenario).itertuples()
             },
             "sentences": self.sentences,
             "unknown": UNKNOWN,
         }
 
 
-def trial_of(
+def _advice(method: str, known: Mapping[str, Any]) -> str:
+    """What to do about an interval whose coverage is off."""
+    low, high = (100.0 * end for end in known["coverage_95"])
+    words = (
+        f"{method}'s interval of {known['parameter']} covers {100.0 * known['coverage']:.0f} % "
+        f"here ({low:.0f} to {high:.0f} %)"
+    )
+    if math.isnan(known["factor"]):
+        return f"{words}; more simulations tell what its length should be."
+    if math.isinf(known["factor"]):
+        return f"{words}, and no length mends it."
+    return f"{words}: multiply its length by {known['factor']:.2g}."
+
+
+def try_fit(
     recording: Recording,
     model: PilotModel,
-    tried: Iterable[Method | str] = (),
+    tried: Iterable[Method | str],
+    folder: Path,
+    replications: int,
     seed: int = DEFAULT_SEED,
-) -> Trial:
-    """Fit a recording, and make the scenario of the fit.
-
-    The simulated pilot is that of the method whose fit is judged, or of ``mle`` if that method
-    has no estimate of the remnant.
+    workers: int | None = None,
+    bar: Bar = lambda results, _: results,
+) -> Trust:
+    """Fit a recording, and compare methods on simulations of the fit.
 
     Parameters
     ----------
@@ -294,22 +205,62 @@ def trial_of(
         The recording, and the model to fit.
     tried
         Methods; the fit by the first is judged. None for all, and ``mle``.
-    seed
-        Seed of the fit.
+    folder
+        Where the study and `trust.json` are; what was done there is not done again.
+    replications, seed
+        Simulations, and the seed of all random numbers.
+    workers
+        Processes; None for one for each processor.
+    bar
+        Shows results as they come: the results, and how many there will be by method.
 
     Raises
     ------
     InputError
-        If the fit failed, or `Scenario.from_fit` refuses it.
+        If the fit failed, `Scenario.from_fit` refuses it, or the folder holds another trial.
     """
-    named = tuple(method_named(m) if isinstance(m, str) else m for m in tried)
-    first = named[0] if named else method_named(USUAL)
+    named = [method_named(m) if isinstance(m, str) else m for m in tried]
+    estimate, simulated = fits_of(recording, model, named[:1], seed)
+    scenario = Scenario.from_fit(simulated, recording)
+    make_folder(folder)
+    path, origin = folder / TRUST, list[AnyScenario | str]([scenario])
+    held: dict[str, object] = {"seed": seed}
+    if MODELS.get(scenario.model.name) == scenario.model:  # otherwise no file can name the model
+        held["scenario"] = scenario_json(scenario)
+        if path.exists() and designed_scenario(path) != scenario:
+            raise InputError(
+                f"{path}: is of another recording, model or method; name another folder with --out"
+            )
+        write_file(path, strict_json(held).encode())
+        origin = [str(path)]
+    study = Study(origin, named or list(methods().values()), replications, seed)
+    label = label_of(named[0]) if named else USUAL
+    comparison = study.run_in(folder, workers, bar)
+    found = Trust(recording.source, estimate, label, simulated.specification, comparison)
+    comparison.write(folder)
+    write_file(path, strict_json({**found.to_dict(), **held}).encode())
+    return found
+
+
+def fits_of(
+    recording: Recording, model: PilotModel, method: Sequence[Method] = (), seed: int = DEFAULT_SEED
+) -> tuple[Estimate, Estimate]:
+    """The fit of a recording that is judged, and the one that is simulated.
+
+    They are one where the method, ``mle`` if none is given, estimates the remnant; otherwise
+    the fit by ``mle`` is simulated.
+
+    Raises
+    ------
+    InputError
+        If the fit failed.
+    """
+    usual = method_named(USUAL)
+    (first,) = method or (usual,)
     label = label_of(first)
     estimate = identify(first, recording, model, fit_rng(seed, label))
     if not estimate.outcome.usable:
         raise InputError(f"{recording.source}: {label}: {estimate.sentence}; nothing to simulate")
-    simulated = estimate
-    if estimate.remnant is None:
-        simulated = identify(method_named(USUAL), recording, model, fit_rng(seed, USUAL))
-    scenario = Scenario.from_fit(simulated, recording)
-    return Trial(recording.source, estimate, label, scenario, named, simulated.specification)
+    if estimate.remnant is not None:
+        return estimate, estimate
+    return estimate, identify(usual, recording, model, fit_rng(seed, USUAL))
