@@ -8,17 +8,19 @@ estimates; it refuses those of other recordings than the study's.
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from pilotid.datasets import scenarios_named
 from pilotid.datasets.named import truth
 from pilotid.estimate.estimate import Outcome
+from pilotid.model.model import PilotModel
+from pilotid.naming.code import reason
 from pilotid.naming.settings import name_of
 from pilotid.recording.files import save_recording
 from pilotid.recording.recording import Recording
@@ -36,7 +38,7 @@ if TYPE_CHECKING:
 MANIFEST = "manifest.json"
 RECORDINGS, TRUTH = "recordings", "truth"  # folders of an export
 STEPS = 1e4  # of a signal's rms: finer than any estimate needs, coarser than rounding
-LARGEST = 2**26  # bytes of a manifest or of a table of estimates
+LARGEST = 2**26  # bytes of a table of estimates
 NUMBERS = ("value", "std_error", "lower", "upper")
 #: Columns of a table of estimates that must be there.
 REQUIRED = ("scenario", "replication", "parameter", "value")
@@ -49,35 +51,21 @@ ABOUT = {
 }
 
 
-@dataclass(frozen=True)
-class Exported:
-    """A recording in a manifest: scenario, replication from 0, and digest (see `digest_of`)."""
-
-    scenario: str
-    replication: int
-    digest: str
-
-
-@dataclass(frozen=True)
-class Manifest:
+class Manifest(NamedTuple):
     """What makes the recordings of an export again, and their digests.
 
     Attributes
     ----------
-    seed
-        Seed of all random numbers, as for `pilotid compare --seed`.
-    scenarios
-        What the command line takes for them.
-    replications
-        Recordings of each scenario.
-    recordings
-        All of them.
+    seed, scenarios, replications
+        As for `pilotid compare`.
+    digests
+        By scenario and replication, see `digest_of`.
     """
 
     seed: int
     scenarios: tuple[str, ...]
     replications: int
-    recordings: tuple[Exported, ...]
+    digests: Mapping[tuple[str, int], str]
 
 
 def export(
@@ -122,7 +110,9 @@ def export(
             write_file(folder / TRUTH / f"{name}.json", strict_json(known).encode())
             entries.append({
                 "file": file,
-                **asdict(Exported(origin.name, replication, digest_of(recording))),
+                "scenario": origin.name,
+                "replication": replication,
+                "digest": digest_of(recording),
                 **{fact: getattr(recording, fact) for fact in ("dt", "run_in", "runs")},
                 "controlled_element": recording.controlled_element,
                 "model": model.name,
@@ -156,21 +146,22 @@ def read_manifest(estimates: Path) -> Manifest:
     InputError
         If there is none.
     """
-    from pydantic import TypeAdapter
-
     path = estimates.parent / MANIFEST
     if not path.is_file():
         raise InputError(
             f"{estimates}: there is no {MANIFEST} beside it; put it into the folder that `pilotid "
             "export` wrote"
         )
-    require_file(path, LARGEST)
     try:
-        manifest: Manifest = TypeAdapter(Manifest).validate_json(path.read_bytes())
-    except (OSError, ValueError) as error:
-        why = str(error).splitlines()[0]
-        raise InputError(f"{path}: is no manifest ({why}); export the recordings again") from None
-    return manifest
+        held = json.loads(path.read_bytes())
+        digests = {
+            (own["scenario"], own["replication"]): own["digest"] for own in held["recordings"]
+        }
+        return Manifest(held["seed"], tuple(held["scenarios"]), held["replications"], digests)
+    except (OSError, ValueError, LookupError, TypeError) as error:
+        raise InputError(
+            f"{path}: is no manifest ({reason(error)}); export the recordings again"
+        ) from None
 
 
 def read_estimates(path: Path, manifest: Manifest, study: Study) -> list[tuple[Entry, list[Fit]]]:
@@ -275,35 +266,37 @@ def _table(path: Path) -> DataFrame:
 def _require_same(path: Path, table: DataFrame, manifest: Manifest, study: Study) -> None:
     """Refuse estimates of anything but the study's recordings, which were exported."""
     origins = {scenario.name: scenario for scenario in study.scenarios}
-    digests = {(own.scenario, own.replication): own.digest for own in manifest.recordings}
+    models: dict[tuple[str, int], PilotModel] = {}
     columns = zip(table.scenario, table.replication, table.parameter, strict=True)
     for row, (name, replication, key) in enumerate(columns):
-        what = ""
+        what, place = "", (name, replication)
         if name not in origins:
             what = f"scenario '{name:.50}' is not in the study; it has {', '.join(origins)}"
-        elif (name, replication) not in digests:
+        elif place not in manifest.digests:
             what = f"{MANIFEST} has no replication {replication} of scenario {name}"
         else:
-            model = scenario_of(origins[name], study.seed, replication).model
-            if key not in model.keys:
-                keys = ", ".join(model.keys)
-                what = f"model {model.name} has no parameter '{key:.50}'; it has {keys}"
+            if place not in models:
+                models[place] = scenario_of(origins[name], study.seed, replication).model
+            keys = models[place].keys
+            if key not in keys:
+                model = models[place].name
+                what = f"model {model} has no parameter '{key:.50}'; it has {', '.join(keys)}"
         if what:
             raise InputError(f"{path}, line {row + 2}: {what}")
-    for name, origin in origins.items():
-        exported = sorted(replication for own, replication in digests if own == name)
-        if exported and len(exported) < study.replications:
+    for (name, replication), digest in manifest.digests.items():
+        if name not in origins or replication >= study.replications:
+            continue
+        if manifest.replications < study.replications:
             raise InputError(
-                f"{path}: {len(exported)} recordings of {name} were exported, the study has "
-                f"{study.replications}; say --replications {len(exported)}"
+                f"{path}: {manifest.replications} recordings of {name} were exported, the study "
+                f"has {study.replications}; say --replications {manifest.replications}"
             )
-        for replication in exported[: study.replications]:
-            recording = recording_of(origin, study.seed, recorded(origin, replication))
-            if digest_of(recording) != digests[name, replication]:
-                raise InputError(
-                    f"{path.parent / MANIFEST}: replication {replication} of {name} has another "
-                    "digest than the study's recording; export and fit the recordings again"
-                )
+        recording = recording_of(origins[name], study.seed, recorded(origins[name], replication))
+        if digest_of(recording) != digest:
+            raise InputError(
+                f"{path.parent / MANIFEST}: replication {replication} of {name} has another "
+                "digest than the study's recording; export and fit the recordings again"
+            )
 
 
 def _fits(table: DataFrame, study: Study) -> Iterator[Fit]:
