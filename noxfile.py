@@ -19,7 +19,7 @@ nox.options.reuse_existing_virtualenvs = True
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 PROJECT = nox.project.load_toml("pyproject.toml")
-SOURCES = ("src/pilotid", "methods", "datasets", "tests", "examples", "docs", "noxfile.py")
+SOURCES = ("src/pilotid", "methods", "datasets", "tests", "docs", "noxfile.py")
 
 
 def groups(*names: str) -> list[str]:

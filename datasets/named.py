@@ -18,7 +18,7 @@ from pilotid.estimate.fitted import Fitted
 from pilotid.model.catalogue import model_named
 from pilotid.model.element import ControlledElement
 from pilotid.model.loops import margins
-from pilotid.naming.code import is_place, taken
+from pilotid.naming.code import is_place, load_object
 from pilotid.naming.settings import from_catalogue, name_of, plain, require_name
 from pilotid.recording.spectra import known_lines
 from pilotid.support.disk import require_file
@@ -52,7 +52,7 @@ def scenarios_named(text: str) -> list[AnyScenario]:
         return [sound(designed_scenario(Path(text.strip())))]
     if not is_place(text):
         return [_from_catalogue(text)]
-    thing = taken(text)
+    thing = load_object(text)
     own = list(thing) if isinstance(thing, list | tuple) else [thing]
     if not own or not all(isinstance(each, AnyScenario) for each in own):
         raise InputError(f"{text}: is no Scenario, no Population and no list of them")

@@ -1,15 +1,10 @@
 """The estimators, one a file.
 
-A new method is one file here and one line in `METHODS`.  A method in another package
-registers its class, callable without arguments, in the entry-point group
-``pilotid.methods``; one in a file of your own is named as ``file.py:Class``.
+A new method is one file here and one line in `METHODS`; one in a file or a package of your own is
+named as ``file.py:Class`` or ``package.module:Class``.
 """
 
 from __future__ import annotations
-
-import warnings
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 
 from pilotid.estimate.method import Method, method_fault
 from pilotid.methods.arx import ARX
@@ -21,49 +16,26 @@ from pilotid.methods.mle_reference import MLEReference
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3
 from pilotid.methods.sindy import SINDy
-from pilotid.naming.code import PluginWarning, is_place, reason, taken
+from pilotid.naming.code import is_place, load_object
 from pilotid.naming.settings import from_catalogue, labelled
 from pilotid.support.types import InputError
 
-#: The methods of this package, in the order of tables and figures.
-METHODS: tuple[Method, ...] = (
-    MMLE3(),
-    MLEWhite(),
-    MLEGenetic(),
-    MLE(),
-    MLEReference(),
-    Bayes(likelihood="white", band=None),
-    Bayes(),
-    Fourier(),
-    ARX(),
-    SINDy(),
-)
-
-
-@cache
-def methods() -> dict[str, Method]:
-    """All methods by name, those that other packages registered included.
-
-    One that cannot be used costs a warning.
-    """
-    known = {method.name: method for method in METHODS}
-    for entry in sorted(entry_points(group="pilotid.methods"), key=lambda e: e.name):
-        try:
-            method = _checked(entry.load()(), entry.value)
-            if method.name in known:
-                raise InputError(f"{entry.value}: there is a method '{method.name}' already")
-            known[method.name] = method
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # packages of others may raise anything
-            warnings.warn(_left_out(entry, error), PluginWarning, stacklevel=2)
-    return known
-
-
-def _left_out(entry: EntryPoint, error: BaseException) -> str:
-    package = f" of package {entry.dist.name}" if entry.dist else ""
-    why = str(error) if isinstance(error, InputError) else f"{entry.value}: {reason(error)}"
-    return f"the method '{entry.name}'{package} is left out: {why}"
+#: The methods by name, in the order of tables and figures.
+METHODS: dict[str, Method] = {
+    method.name: method
+    for method in (
+        MMLE3(),
+        MLEWhite(),
+        MLEGenetic(),
+        MLE(),
+        MLEReference(),
+        Bayes(likelihood="white", band=None),
+        Bayes(),
+        Fourier(),
+        ARX(),
+        SINDy(),
+    )
+}
 
 
 def method_named(text: str) -> Method:
@@ -81,8 +53,8 @@ def method_named(text: str) -> Method:
         If there is none; the message lists the names there are.
     """
     if is_place(text):
-        return _checked(taken(text), text)
-    return from_catalogue(text, methods(), "method", "CLASS")[1]
+        return _checked(load_object(text), text)
+    return from_catalogue(text, METHODS, "method", "CLASS")[1]
 
 
 def label_of(method: Method) -> str:
@@ -93,7 +65,7 @@ def label_of(method: Method) -> str:
     InputError
         If it is no method, or has the name of another one.
     """
-    known = methods().get(_checked(method, type(method).__qualname__).name)
+    known = METHODS.get(_checked(method, type(method).__qualname__).name)
     if known is not None and type(known) is not type(method):
         raise InputError(
             f"the method {type(method).__qualname__} has the name '{method.name}' of another "

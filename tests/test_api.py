@@ -36,7 +36,7 @@ def test_the_default_seed_gives_what_the_command_line_prints() -> None:
     assert own.outcome is Outcome.CONVERGED
 
 
-@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
+@pytest.mark.parametrize("method", METHODS.values(), ids=lambda m: m.name)
 @pytest.mark.parametrize(("name", "channel"), [("e", "visual"), ("x", "vestibular")])
 def test_a_channel_without_input_is_not_identified(
     method: pilotid.Method, name: str, channel: str

@@ -67,7 +67,7 @@ def test_a_pilot_with_next_to_no_remnant_is_recovered(name: str, method: str) ->
     "name",
     [pytest.param(n, marks=[pytest.mark.long] if n.startswith("lead2") else []) for n in NEW],
 )
-@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
+@pytest.mark.parametrize("method", METHODS.values(), ids=lambda m: m.name)
 def test_every_method_takes_the_new_models_or_says_why_not(name: str, method: Method) -> None:
     scenario = PILOTS[name]
     estimate = identify(method, recording_of(scenario), scenario.model, np.random.default_rng(2))

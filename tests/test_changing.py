@@ -20,7 +20,7 @@ from pilotid.estimate.warnings import remarks_on
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.profile import over_changes
 from pilotid.likelihood.search import maximise_likelihood
-from pilotid.methods import methods
+from pilotid.methods import METHODS
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
@@ -286,12 +286,12 @@ def test_methods_that_know_constant_pilots_alone_say_so() -> None:
     recording = recording_of(SLOW)
     refusing = {
         name
-        for name, method in methods().items()
+        for name, method in METHODS.items()
         if "varies in time" in (method.objection(recording, ADAPTING) or "")
     }
     assert refusing == {"mmle3", "mle-reference", "fourier", "arx", "sindy"}
     for name in refusing:
-        assert "varies in time" not in (methods()[name].objection(recording, SINGLE) or "")
+        assert "varies in time" not in (METHODS[name].objection(recording, SINGLE) or "")
     assert not any(model.changes for model in default_candidates(recording))
 
 

@@ -17,7 +17,7 @@ from helpers import Answer, Run, leading_recording, strict
 import pilotid
 from pilotid.cli.main import main
 from pilotid.datasets import CATALOGUE
-from pilotid.methods import methods
+from pilotid.methods import METHODS
 from pilotid.model.catalogue import MODELS
 from pilotid.recording.files import load_recording, save_recording
 from pilotid.support.remarks import CODES
@@ -95,7 +95,7 @@ def test_the_installed_command_runs() -> None:
     core, _, more = done.stdout.partition("more models\n")
     named = [re.findall(r"(?m)^  (\S+) ", part) for part in (core, more)]
     assert named[0][4:9] == ["mle", "fourier", "arx", "sindy", "bayes"]
-    assert sorted(named[0] + named[1]) == sorted([*MODELS, *methods(), *CATALOGUE])
+    assert sorted(named[0] + named[1]) == sorted([*MODELS, *METHODS, *CATALOGUE])
     bad = subprocess.run([command, "fit", "x.csv"], capture_output=True, text=True, timeout=60)
     assert (bad.returncode, bad.stdout) == (2, "")
     assert bad.stderr.startswith("pilotid: x.csv: ")

@@ -12,7 +12,7 @@ from helpers import Run
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.method import identify
-from pilotid.methods import method_named, methods
+from pilotid.methods import METHODS, method_named
 from pilotid.model.catalogue import MODELS, with_held
 from pilotid.support.types import InputError
 
@@ -43,7 +43,7 @@ def test_response_and_jacobian_are_those_of_the_whole_model() -> None:
 
 
 @pytest.mark.numerical
-@pytest.mark.parametrize("name", [m for m in methods() if m != "mle-genetic"])
+@pytest.mark.parametrize("name", [m for m in METHODS if m != "mle-genetic"])
 def test_every_method_holds_them_or_says_why_not(name: str) -> None:
     scenario = SCENARIOS["nominal"]
     truth = dict(zip(scenario.model.keys, scenario.values.tolist(), strict=True))

@@ -14,7 +14,7 @@ from helpers import NOMINAL, SINGLE_LOOP
 from pilotid.datasets import simulate
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import Method, identify
-from pilotid.methods import METHODS, methods
+from pilotid.methods import METHODS
 from pilotid.methods.bayes import Bayes
 from pilotid.model.catalogue import MULTI, SINGLE
 from pilotid.recording.recording import SIGNALS, Recording
@@ -42,7 +42,7 @@ def quick(method: Method) -> Method:
     return method
 
 
-QUICK = [quick(method) for method in METHODS]
+QUICK = [quick(method) for method in METHODS.values()]
 
 every_method = pytest.mark.parametrize("method", QUICK, ids=lambda m: m.name)
 every_model = pytest.mark.parametrize("model", MODELS)
@@ -54,10 +54,10 @@ def fitted(method: Method, model: str) -> Estimate:
     return identify(method, recording_of(model), MODELS[model], np.random.default_rng(2))
 
 
-@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
+@pytest.mark.parametrize("method", METHODS.values(), ids=lambda m: m.name)
 def test_a_method_is_a_frozen_dataclass_of_settings(method: Method) -> None:
     check_settings(method)
-    assert methods()[method.name] is method
+    assert METHODS[method.name] is method
     for setting in fields(method):
         assert f"{setting.name}={getattr(method, setting.name)!r}" in repr(method)
         with pytest.raises(FrozenInstanceError):

@@ -7,6 +7,7 @@ import sys
 import types
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -19,7 +20,7 @@ from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.methods.arx import ARX
 from pilotid.methods.bayes import Bayes
-from pilotid.naming.code import code_digest, packed, taken, unpacked
+from pilotid.naming.code import code_digest, load_object, packed, unpacked
 from pilotid.naming.settings import (
     configured,
     labelled,
@@ -162,7 +163,7 @@ def test_no_text_breaks_the_reader(text: str) -> None:
 # ----------------------------------------------------------------------------------- methods
 
 
-@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
+@pytest.mark.parametrize("method", METHODS.values(), ids=lambda m: m.name)
 def test_a_registered_method_has_its_name_for_a_label(method: object) -> None:
     assert label_of(method) == method.name  # type: ignore[attr-defined, arg-type]
 
@@ -245,12 +246,12 @@ def forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_things_are_taken_from_files_and_modules(mine: Path) -> None:
-    assert taken(f"{mine}:Mine").size == 3
-    assert taken(f"{mine}:Mine(size=5)").size == 5
-    assert taken(f"{mine}:thing").size == 9
-    assert taken(f"{mine}:thing(size=1)").size == 1
-    assert type(taken(f"{mine}:Mine")) is type(taken(f"{mine}:thing"))
-    assert taken("pilotid.methods.arx:ARX(memory=none)") == ARX(memory=None)
+    assert load_object(f"{mine}:Mine").size == 3
+    assert load_object(f"{mine}:Mine(size=5)").size == 5
+    assert load_object(f"{mine}:thing").size == 9
+    assert load_object(f"{mine}:thing(size=1)").size == 1
+    assert type(load_object(f"{mine}:Mine")) is type(load_object(f"{mine}:thing"))
+    assert load_object("pilotid.methods.arx:ARX(memory=none)") == ARX(memory=None)
 
 
 @pytest.mark.parametrize(
@@ -276,17 +277,17 @@ def test_code_that_cannot_be_used_is_a_sentence(mine: Path, place: str, words: s
     (folder / "bytes.py").write_bytes(b"\xff\xfe")
     (folder / "null.py").write_bytes(b"x = 1\0")
     with pytest.raises(InputError) as refusal:
-        taken(place.format(folder))
+        load_object(place.format(folder))
     assert words in str(refusal.value)
 
 
 def test_the_digest_covers_the_file_that_a_thing_is_from(mine: Path) -> None:
     assert code_digest(ARX()) == code_digest(np.float64(1.0)) == ""
-    before = code_digest(taken(f"{mine}:Mine"))
+    before = code_digest(load_object(f"{mine}:Mine"))
     (mine.parent / "beside.py").write_text("SIZE = 3  # another\n")
-    assert code_digest((1, [taken(f"{mine}:Mine")])) == before
+    assert code_digest((1, [load_object(f"{mine}:Mine")])) == before
     mine.write_text(f"{MINE}# another\n")
-    assert code_digest(taken(f"{mine}:Mine")) != before
+    assert code_digest(load_object(f"{mine}:Mine")) != before
 
 
 def test_code_that_was_typed_in_is_told_by_its_source(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -307,3 +308,13 @@ def test_code_that_was_typed_in_is_told_by_its_source(monkeypatch: pytest.Monkey
     del linecache.cache["<stdin>"]
     with pytest.raises(InputError, match="write it to a file"):
         code_digest(thing)
+
+
+def test_a_method_cannot_pass_for_another(tmp_path: Path) -> None:
+    copy = tmp_path / "copy.py"
+    copy.write_text("from pilotid.methods.arx import ARX\nclass Copy(ARX):\n    pass\n")
+    with pytest.raises(InputError, match="has the name 'arx' of another one"):
+        label_of(method_named(f"{copy}:Copy"))
+    with pytest.raises(InputError, match="is no method"):
+        method_named(f"{__name__}:SimpleNamespace")
+    assert load_object(f"{__name__}:SimpleNamespace") == SimpleNamespace()

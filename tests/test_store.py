@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pilotid.study.table import METHODS, SCENARIOS, Entry, Fit, Store
+from pilotid.study.table import OF_METHODS, OF_SCENARIOS, Entry, Fit, Store
 from pilotid.support.store import STORE, Rows
 from pilotid.support.types import InputError
 
@@ -54,8 +54,11 @@ def test_what_goes_in_comes_out_in_the_order_of_the_catalogues(tmp_path: Path) -
             ("early", "first", 0): Fit("early", "first", 0, "crashed", "why"),
             **{key: result(*key) for key in keys},
         }
-        assert list(store.entries(SCENARIOS).values()) == [entry("early", 1), entry("late", 2)]
-        assert list(store.entries(METHODS).values()) == [method("first", 0), method("second", 1)]
+        assert list(store.entries(OF_SCENARIOS).values()) == [entry("early", 1), entry("late", 2)]
+        assert list(store.entries(OF_METHODS).values()) == [
+            method("first", 0),
+            method("second", 1),
+        ]
         frame = store.comparison().frame
         fits = zip(frame.scenario, frame.method, frame.replication, strict=True)
         assert list(dict.fromkeys(fits)) == [

@@ -24,7 +24,7 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.study.run import Task, run_task, started, truths_of
 from pilotid.study.study import Study, method_entry, scenario_entry
-from pilotid.study.table import FITS, Fit, Store, read_study
+from pilotid.study.table import OF_FITS, Fit, Store, read_study
 from pilotid.support.store import STORE
 from pilotid.support.types import InputError
 
@@ -254,7 +254,7 @@ def fits_in(folder: Path) -> int:
     try:
         base = sqlite3.connect(f"file:{folder / STORE}?mode=ro", uri=True)
         try:
-            return int(base.execute(f"SELECT count(*) FROM rows WHERE {FITS}").fetchone()[0])
+            return int(base.execute(f"SELECT count(*) FROM rows WHERE {OF_FITS}").fetchone()[0])
         finally:
             base.close()
     except sqlite3.Error:

@@ -10,7 +10,6 @@ import logging
 import os
 import signal
 import sys
-import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import ExitStack, contextmanager, suppress
@@ -21,7 +20,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from threading import Lock
 from typing import Any, TypeVar
 
-from pilotid.naming.code import PluginWarning, own_digest, reason
+from pilotid.naming.code import own_digest, reason
 from pilotid.support.types import InputError
 
 Task = TypeVar("Task")
@@ -180,7 +179,6 @@ def _set_up() -> None:
     """Leave Ctrl-C to the process that started this one, and keep what methods print apart."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)
-    warnings.simplefilter("ignore", PluginWarning)  # which that process has said
 
 
 # ------------------------------------------------------------------------------------ Dask

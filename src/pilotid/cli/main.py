@@ -24,7 +24,6 @@ from pilotid.estimate.method import Method
 from pilotid.model.catalogue import AUTO, MODELS, model_named
 from pilotid.model.element import ControlledElement, element_named
 from pilotid.model.model import PilotModel
-from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled
 from pilotid.recording.files import Reading, read_with, save_recording
 from pilotid.recording.recording import Recording
@@ -40,7 +39,7 @@ from pilotid.support.format import Line, show
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
 from pilotid.support.remarks import OF_STICK, codes_in
 from pilotid.support.terminal import make_console, show_warning, with_bar
-from pilotid.support.types import InputError, one_line
+from pilotid.support.types import InputError
 
 #: What `list` shows first; all else is under "more".
 CORE = {
@@ -64,8 +63,6 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     given = list(sys.argv[1:] if arguments is None else arguments)
     options.TYPED[:] = "pilotid", *given
     with warnings.catch_warnings():
-        # A warning costs a line and nothing else: that of a plug-in that is left out, too.
-        warnings.simplefilter("always", PluginWarning)
         warnings.showwarning = show_warning
         try:
             status = app(given or ["--help"], prog_name="pilotid", standalone_mode=False)
@@ -114,11 +111,11 @@ def program(
 def list_names() -> None:
     """List models, methods and scenarios, the usual ones first."""
     from pilotid.datasets import CATALOGUE
-    from pilotid.methods import methods
+    from pilotid.methods import METHODS
 
     summaries = {
         "models": {m.name: f"{m.description}: {', '.join(m.keys)}" for m in MODELS.values()},
-        "methods": {name: _first_line(m) for name, m in methods().items()},
+        "methods": {name: _first_line(m) for name, m in METHODS.items()},
         "scenarios": {s.name: s.description for s in CATALOGUE.values()},
     }
     core = {title: {name: summaries[title].pop(name) for name in CORE[title]} for title in CORE}
@@ -129,11 +126,9 @@ def list_names() -> None:
 
 
 def _first_line(method: Method) -> str:
-    """What a method is, its settings where they are not the usual ones, and whose it is."""
+    """What a method is, and its settings where they are not the usual ones."""
     line = (inspect.getdoc(type(method)) or "").partition("\n")[0]
-    package = type(method).__module__.partition(".")[0]
-    origin = "" if package == "pilotid" else f"[{package}]"
-    return " ".join(part for part in (one_line(line), labelled("", method), origin) if part)
+    return f"{line} {labelled('', method)}".rstrip()
 
 
 def simulate(

@@ -13,7 +13,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from pilotid.estimate.method import Method
-from pilotid.methods import label_of, method_named, methods
+from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import AUTO, model_named, with_held
 from pilotid.model.model import PilotModel
 from pilotid.naming.settings import split_list
@@ -153,7 +153,7 @@ def names_of(given: Sequence[str] | None, default: Sequence[str], all_: Sequence
 
 def methods_of(given: Sequence[str] | None, default: Sequence[str]) -> dict[str, Method]:
     """The methods that options name, by their labels."""
-    named = [method_named(name) for name in names_of(given, default, list(methods()))]
+    named = [method_named(name) for name in names_of(given, default, list(METHODS))]
     return {label_of(method): method for method in named}
 
 

@@ -53,7 +53,7 @@ def compare(
 ) -> None:
     """Compare methods on simulated recordings whose truth is known."""
     from pilotid.datasets import CATALOGUE
-    from pilotid.methods import methods
+    from pilotid.methods import METHODS
     from pilotid.study.exchange import enter_estimates, read_estimates, read_manifest
     from pilotid.study.study import PROFILES, Study
     from pilotid.study.table import Store
@@ -90,7 +90,7 @@ def compare(
         default, count = manifest.scenarios, manifest.replications
     like_it = [] if like is None else [scenario_like(like, seed)]
     names = options.names_of(scenario, () if like_it else default, list(CATALOGUE))
-    tried = options.names_of(method, usual, list(methods()))
+    tried = options.names_of(method, usual, list(METHODS))
     count = replications or count
     study = Study([*like_it, *names], tried, count, seed)
     read = [imported] if imported else []
@@ -200,7 +200,7 @@ def trust(
 
     The first method that is named is the one whose fit is judged, else mle.
     """
-    from pilotid.methods import methods
+    from pilotid.methods import METHODS
     from pilotid.report.study import overview, write_report
     from pilotid.report.study_tables import advice, trust_table
     from pilotid.study.trust import TRUST, UNKNOWN, try_fit
@@ -211,7 +211,7 @@ def trust(
     if element is not None:
         recording = replace(recording, controlled_element=element_named(element).name)
     chosen = options.selected_model(recording, model, seed)
-    tried = options.names_of(method, [], list(methods()))
+    tried = options.names_of(method, [], list(METHODS))
 
     def progress(results: Iterator[Fit], counts: Mapping[str, int]) -> Iterator[Fit]:
         return with_bar(results, "fits", sum(counts.values()))

@@ -28,7 +28,7 @@ from pilotid.model.factors import (
 )
 from pilotid.model.model import Channel, PilotModel
 from pilotid.model.timevarying import Changing
-from pilotid.naming.code import is_place, reason, taken
+from pilotid.naming.code import is_place, load_object, reason
 from pilotid.naming.settings import from_catalogue, name_of, require_name
 from pilotid.support.types import InputError
 
@@ -319,7 +319,7 @@ def own_model(text: str) -> PilotModel:
     InputError
         If it is no `PilotModel`, or one with which no method can reckon.
     """
-    thing = taken(text)
+    thing = load_object(text)
     if not isinstance(thing, PilotModel):
         raise InputError(
             f"{text}: is no PilotModel; write NAME = PilotModel('name', (Channel(...), ...)) there"

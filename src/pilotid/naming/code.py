@@ -37,16 +37,12 @@ KNOWN = {"pilotid", *sys.stdlib_module_names, *LIBRARIES}
 copyreg.pickle(type(dataclasses.MISSING), lambda _: "MISSING")
 
 
-class PluginWarning(UserWarning):
-    """Code of another package that is left out; the message is a sentence for the user."""
-
-
 def is_place(text: str) -> bool:
     """Whether a text says where in which code something is, rather than naming it."""
     return PLACE.fullmatch(split_call(text)[0]) is not None
 
 
-def taken(text: str) -> Any:
+def load_object(text: str) -> Any:
     """What stands at ``file.py:NAME`` or ``package.module:NAME``, with the settings behind it.
 
     A class is made: with these settings, and its usual ones for the rest.

@@ -25,7 +25,7 @@ from pilotid.naming.settings import name_of
 from pilotid.recording.files import save_recording
 from pilotid.recording.recording import Recording
 from pilotid.study.run import recorded, recording_of, scenario_of, started, with_truth
-from pilotid.study.table import METHODS, Entry, Fit, Store
+from pilotid.study.table import OF_METHODS, Entry, Fit, Store
 from pilotid.support.disk import make_folder, require_file, require_folder, strict_json, write_file
 from pilotid.support.store import number
 from pilotid.support.types import InputError
@@ -213,7 +213,7 @@ def enter_estimates(store: Store, found: Sequence[tuple[Entry, list[Fit]]]) -> N
     InputError
         If a method that `pilotid` ran has the same label.
     """
-    held = store.entries(METHODS)
+    held = store.entries(OF_METHODS)
     for entry, fits in found:
         before = held.get(entry.name)
         if before is not None and "estimates" not in before.settings:

@@ -21,7 +21,7 @@ from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.estimate.method import Method
 from pilotid.jobs import TIME_LIMIT, run_tasks
-from pilotid.methods import label_of, method_named, methods
+from pilotid.methods import METHODS, label_of, method_named
 from pilotid.naming.code import code_digest, own_digest, packed, reason
 from pilotid.naming.settings import labelled, plain
 from pilotid.study import paper
@@ -34,7 +34,7 @@ from pilotid.study.run import (
     truths_of,
     with_truth,
 )
-from pilotid.study.table import METHODS, SCENARIOS, Comparison, Entry, Fit, Store
+from pilotid.study.table import OF_METHODS, OF_SCENARIOS, Comparison, Entry, Fit, Store
 from pilotid.support.disk import make_folder
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.store import Key
@@ -68,7 +68,7 @@ def method_entry(method: Method, position: int = 0, typed: str = "", label: str 
     label
         Its label in the study; empty for its own.
     """
-    known, own = list(methods()), label_of(method)
+    known, own = list(METHODS), label_of(method)
     registered = method.name in known
     place = known.index(method.name) if registered else len(known) + position
     if not typed:
@@ -129,7 +129,7 @@ CORE = ("mle", "bayes", "fourier", "arx", "sindy")
 #: By name, what is compared; the paper's is in `pilotid.study.paper`.
 PROFILES = {
     "quick": Profile(("nominal", "population-usual"), 12, CORE),
-    "full": Profile(tuple(CATALOGUE), 500, (*methods(), "bayes(prior=3)")),
+    "full": Profile(tuple(CATALOGUE), 500, (*METHODS, "bayes(prior=3)")),
     "paper": Profile((*paper.TABLE_3, *paper.REMNANTS, "starts"), 10, paper.METHODS),
 }
 
@@ -212,7 +212,10 @@ class Study:
         methods = list(map(method_entry, self.methods, count(), self._typed[1], self.labels))
         held = store.about()
         changed = [key for key in about if key in held and held[key] != about[key]]
-        for new, old in ((methods, store.entries(METHODS)), (scenarios, store.entries(SCENARIOS))):
+        for new, old in (
+            (methods, store.entries(OF_METHODS)),
+            (scenarios, store.entries(OF_SCENARIOS)),
+        ):
             changed += [
                 e.name
                 for e in new

@@ -47,10 +47,10 @@ POPULATION = [
     *("failures", "not_applicable", "wrong_optima", "optima", *LOSS),
 ]
 #: Which rows of a store are scenarios, methods and fits; that without names has the facts.
-SCENARIOS = "scenario != '' AND method = ''"
-METHODS = "scenario = '' AND method != ''"
-FITS = "scenario != '' AND method != ''"
-CELL = "scenario = ? AND method = ?"
+OF_SCENARIOS = "scenario != '' AND method = ''"
+OF_METHODS = "scenario = '' AND method != ''"
+OF_FITS = "scenario != '' AND method != ''"
+OF_CELL = "scenario = ? AND method = ?"
 
 #: Parameter, unit, true value, Cramer-Rao bound, value, standard error, ends of the interval.
 Estimated = tuple[
@@ -181,7 +181,7 @@ class Store(Rows):
             self.put(("", entry.name, 0), asdict(entry))
 
     def entries(self, which: str) -> dict[str, Entry]:
-        """Scenarios (`SCENARIOS`) or methods (`METHODS`) by name, in the catalogue's order."""
+        """Scenarios (`OF_SCENARIOS`) or methods (`OF_METHODS`) by name, in their order."""
         found = sorted(self.every(Entry, which), key=lambda entry: (entry.position, entry.name))
         return {entry.name: entry for entry in found}
 
@@ -191,14 +191,14 @@ class Store(Rows):
 
     def fits(self) -> list[Fit]:
         """All fits, in the order of their keys."""
-        return self.every(Fit, FITS)
+        return self.every(Fit, OF_FITS)
 
     def comparison(self) -> Comparison:
         """All that it holds; fits of scenarios and methods that it does not know are left out."""
         from pandas import concat
 
-        scenarios, methods = self.entries(SCENARIOS), self.entries(METHODS)
-        cells = (self.every(Fit, CELL, *pair) for pair in product(scenarios, methods))
+        scenarios, methods = self.entries(OF_SCENARIOS), self.entries(OF_METHODS)
+        cells = (self.every(Fit, OF_CELL, *pair) for pair in product(scenarios, methods))
         frame = concat([frame_of(cell) for cell in cells if cell] or [frame_of([])])
         frame = frame.reset_index(drop=True)
         frame["population"] = frame.scenario.map({n: e.population for n, e in scenarios.items()})

@@ -20,7 +20,7 @@ from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.method import Method, identify
 from pilotid.estimate.parts import Specification
-from pilotid.methods import label_of, method_named, methods
+from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import MODELS
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
@@ -233,7 +233,7 @@ def try_fit(
             )
         write_file(path, strict_json(held).encode())
         origin = [str(path)]
-    study = Study(origin, named or list(methods().values()), replications, seed)
+    study = Study(origin, named or list(METHODS.values()), replications, seed)
     label = label_of(named[0]) if named else USUAL
     comparison = study.run_in(folder, workers, bar)
     found = Trust(recording.source, estimate, label, simulated.specification, comparison)

@@ -51,6 +51,5 @@ def with_bar(items: Iterable[T], what: str, total: int) -> Iterator[T]:
 
 
 def show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-    """Print a warning as one sentence; a plug-in's needs no name."""
-    kind = "" if category.__name__ == "PluginWarning" else f"{category.__name__}: "
-    sys.stderr.write(f"pilotid: {kind}{one_line(str(message))}\n")
+    """Print a warning as one sentence."""
+    sys.stderr.write(f"pilotid: {category.__name__}: {one_line(str(message))}\n")
