@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pilotid.study.table import METHODS, SCENARIOS, Comparison, Entry, Fit, Store, frame_of
+from pilotid.study.table import OF_METHODS, OF_SCENARIOS, Comparison, Entry, Fit, Store, frame_of
 from pilotid.support.store import Key
 
 KEYS = ("Kvis", "tlead", "tdvis", "fnm", "zetanm")
@@ -84,4 +84,4 @@ def content_of(store: Store) -> Content:
     found = store.comparison()
     assert set(found.scores.parameter) <= {*KEYS, "all", ""}
     fits = {fit.key: fit for fit in store.fits()}
-    return Content(store.about(), store.entries(SCENARIOS), store.entries(METHODS), fits)
+    return Content(store.about(), store.entries(OF_SCENARIOS), store.entries(OF_METHODS), fits)
