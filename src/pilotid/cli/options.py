@@ -158,15 +158,12 @@ def methods_of(given: Sequence[str] | None, default: Sequence[str]) -> dict[str,
 
 
 def numbers_in(option: str, text: str) -> dict[str, float]:
-    """Numbers by key in a text such as ``tlead=2,Kvest=3%``; a % divides by 100."""
+    """Numbers by key in a text such as ``e=1.5,u=2``."""
     try:
         pairs = [pair.split("=") for pair in text.split(",")]
-        return {
-            key.strip(): float(value.strip().removesuffix("%")) / (100.0 if "%" in value else 1.0)
-            for key, value in pairs
-        }
+        return {key.strip(): float(value) for key, value in pairs}
     except ValueError:
-        raise InputError(f"{option} {text}: is not PARAMETER=NUMBER,..., as in tlead=1.5") from None
+        raise InputError(f"{option} {text}: is not SIGNAL=NUMBER,..., as in e=1.5,u=2") from None
 
 
 def models_of(text: str, fix: str | None) -> list[PilotModel]:

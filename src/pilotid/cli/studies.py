@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Format = Literal["csv", "mat", "npz"]
 #: Methods that are compared on people where none is named.
-USUAL = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")
+METHODS_FOR_PEOPLE = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")
 #: What reports of studies are written as.
 TABLES = (
     *("report.html", "report.md", "paper.html"),
@@ -70,7 +70,7 @@ def compare(
             out=out,
             pattern=known["pattern"],
             model=[known["model"]],
-            method=method or [*USUAL],
+            method=method or [*METHODS_FOR_PEOPLE],
             left_out=True,
             reading=Reading(
                 (known["map"],) if known["map"] else (), float(known["dt"]) if known["dt"] else None

@@ -45,7 +45,7 @@ ORDER = ("3", "4", "5", "6", "8", "9", "10", "11")
 #: The scenarios of Fig. 8 on an axis.
 FORCING = ("both", "disturbance", "target", "dist. step", "target step")
 #: An axis shows what lies within so many medians of its values.
-REACH = 4.0
+MEDIANS_SHOWN = 4.0
 #: Trials with and without motion, and whose they are.
 OF_MOTION = (("9", "simulated"), (PEOPLE, PEOPLE))
 TRUTH = dict(zip(KEYS, SCENARIOS["nominal"].truth, strict=True))
@@ -334,7 +334,7 @@ def _limits(values: FloatArray) -> tuple[float, float]:
     if not known.size:
         return 0.0, 1.0
     middle = float(np.median(known))
-    near = known[np.abs(known - middle) <= REACH * abs(middle)]
+    near = known[np.abs(known - middle) <= MEDIANS_SHOWN * abs(middle)]
     inside = near if near.size else known
     room = 0.15 * float(np.ptp(inside)) + 0.05 * abs(middle)
     return float(inside.min()) - room, float(inside.max()) + room

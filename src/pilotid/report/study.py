@@ -32,8 +32,8 @@ from pilotid.support.disk import write_file
 from pilotid.support.format import Table, table
 
 REFERENCE = "nominal"
-OPEN = 3  # scenarios of which all is said at once; of more, of the first alone
-FOLDED = 9  # scenarios from which on the contents leave them out
+DETAILED = 3  # scenarios of which all is said at once; of more, of the first alone
+LISTED = 9  # scenarios from which on the contents leave them out
 
 
 def write_report(folder: Path, study: Comparison) -> Path:
@@ -71,7 +71,7 @@ def content_of(study: Comparison) -> dict[str, Any]:
     contents = [
         *[("trust", "What the fit is worth")] * bool(told),
         ("summary", "Which method to use"),
-        *([(own["key"], own["title"]) for own in scenarios] if len(scenarios) < FOLDED else []),
+        *([(own["key"], own["title"]) for own in scenarios] if len(scenarios) < LISTED else []),
         ("provenance", "Provenance"),
     ]
     return {
@@ -111,7 +111,7 @@ def compared(study: Comparison) -> list[str]:
 
 def _detailed(names: Sequence[str]) -> Sequence[str]:
     """The scenarios whose rankings stand on the first screen."""
-    if len(names) <= OPEN:
+    if len(names) <= DETAILED:
         return names
     return [REFERENCE if REFERENCE in names else names[0]]
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 COLUMNS = 4
 LONGEST = 34  # characters of a method's label
 #: Multiple of the typical method's extent at which an axis of errors ends at the latest.
-MOST = 4.0
+MEDIANS = 4.0
 BOUND = "#c9ced6"
 
 
@@ -121,5 +121,5 @@ def _draw_errors(axes: Axes, scores: DataFrame) -> None:
 def reach_of(extents: FloatArray, bound: float) -> float:
     """Half of an axis about zero that shows most methods, and the bound, where some are far off."""
     known = extents[np.isfinite(extents)]
-    typical = min(float(known.max()), MOST * float(np.median(known))) if known.size else 0.0
+    typical = min(float(known.max()), MEDIANS * float(np.median(known))) if known.size else 0.0
     return 1.06 * max(typical, 1.2 * bound if math.isfinite(bound) else 0.0) or 1.0

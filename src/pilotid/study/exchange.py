@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
 MANIFEST = "manifest.json"
 RECORDINGS, TRUTH = "recordings", "truth"  # folders of an export
-STEPS = 1e4  # of a signal's rms: finer than any estimate needs, coarser than rounding
-LARGEST = 2**26  # bytes of a table of estimates
+STEPS_PER_RMS = 1e4  # of a signal's rms: finer than any estimate needs, coarser than rounding
+LARGEST_TABLE = 2**26  # bytes of a table of estimates
 NUMBERS = ("value", "std_error", "lower", "upper")
 #: Columns of a table of estimates that must be there.
 REQUIRED = ("scenario", "replication", "parameter", "value")
@@ -134,7 +134,7 @@ def digest_of(recording: Recording) -> str:
     for name in recording.signals:
         signal = recording.arrays[name]
         size = math.sqrt(float(np.mean(signal**2))) or 1.0
-        digest.update(np.rint(STEPS / size * signal).astype("<i4").tobytes())
+        digest.update(np.rint(STEPS_PER_RMS / size * signal).astype("<i4").tobytes())
     return digest.hexdigest()
 
 
@@ -230,7 +230,7 @@ def _table(path: Path) -> DataFrame:
     """The table of estimates: numbers are numbers, NaN where there are none."""
     from pandas import read_csv, to_numeric
 
-    require_file(path, LARGEST)
+    require_file(path, LARGEST_TABLE)
     try:
         table = read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8-sig")
     except (OSError, ValueError) as error:

@@ -20,16 +20,16 @@ EFFICIENT, USABLE = 1.25, 2.0
 #: Root mean square error over the bound of an efficient method's worst parameter, at the most.
 USELESS = 4.0
 #: A flag stands for what chance shows this seldom in a method that has no such fault.
-LEVEL = 1e-3
+CHANCE = 1e-3
 #: Share of failed fits that is no fault, and the one beyond which a method is poor.
 FAILURES, MOST_FAILURES = 0.01, 0.1
-FEWEST = 5  # fits of which a mean can be tested
+FITS_TO_TEST = 5  # fits of which a mean can be tested
 #: What verdicts rest on, for those who explain them.
 LIMITS = {
     "efficient": EFFICIENT,
     "usable": USABLE,
     "useless": USELESS,
-    "without": round(1.0 / LEVEL),
+    "without": round(1.0 / CHANCE),
     "failing": 100.0 * FAILURES,
     "often": 100.0 * MOST_FAILURES,
 }
@@ -120,10 +120,10 @@ def _bias(each: list[Any]) -> Flag | None:
     from scipy.special import stdtr
 
     def certain(s: Any) -> bool:
-        if s.n < FEWEST or not s.mean_z_se > 0.0:
+        if s.n < FITS_TO_TEST or not s.mean_z_se > 0.0:
             return False
         t = skewed_t(s.mean_z, s.mean_z_se * math.sqrt(s.n), s.z_skew, s.n)
-        return bool(2.0 * stdtr(s.n - 1.0, -abs(t)) < LEVEL)
+        return bool(2.0 * stdtr(s.n - 1.0, -abs(t)) < CHANCE)
 
     worst = max(filter(certain, each), key=lambda s: abs(s.mean_z), default=None)
     return Flag("biased", worst.parameter, worst.mean_z) if worst else None
@@ -140,7 +140,7 @@ def _coverage(rows: list[Any]) -> Flag | None:
         hits = s.coverage_95 * s.worth
         short = float(bdtr(math.floor(hits + 1e-9), s.worth, 0.95))
         long = float(bdtrc(math.ceil(hits - 1e-9) - 1, s.worth, 0.95)) if hits > 0.0 else 1.0
-        if 2.0 * min(short, long) < LEVEL:
+        if 2.0 * min(short, long) < CHANCE:
             found.append((s, "too-short" if short < long else "too-long"))
     if not found:
         return None
@@ -154,7 +154,7 @@ def _failures(overall: Any) -> Flag | None:
     from scipy.special import bdtrc
 
     count, share = overall.recordings, overall.failures / overall.recordings
-    if not overall.failures or bdtrc(overall.failures - 1, count, FAILURES) >= LEVEL:
+    if not overall.failures or bdtrc(overall.failures - 1, count, FAILURES) >= CHANCE:
         return None
     return Flag("fails", ALL, share)
 

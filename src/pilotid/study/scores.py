@@ -53,7 +53,7 @@ EFFICIENT = 2.0 * Z95 + MISSED * SHORTFALL
 EFFICIENT_VARIANCE = (0.05 - Z95 * SHORTFALL - SHORTFALL**2) * (MISSED / EFFICIENT) ** 2
 RESAMPLES = 1000
 ROUNDING = 1e-12  # what is smaller, of logarithms and of their variances, is zero
-FAR = 3.0  # an honest standardised error is beyond this in 0.27 % of all cases
+FAR_OFF = 3.0  # an honest standardised error is beyond this in 0.27 % of all cases
 #: A fit ends in a wrong optimum if its criterion exceeds that of a search from the truth by more.
 WRONG = 4.0
 TRIMMED = 0.01  # share of the largest errors that the trimmed score leaves out
@@ -561,7 +561,7 @@ def trimmed(values: FloatArray, clusters: IntArray, share: float = TRIMMED) -> M
     return _root(Mean(float(np.mean(kept)), error * squares.size / kept.size))
 
 
-def beyond(values: FloatArray, clusters: IntArray, limit: float = FAR) -> Mean:
+def beyond(values: FloatArray, clusters: IntArray, limit: float = FAR_OFF) -> Mean:
     """Share of values farther from zero than a limit."""
     return clustered_mean((np.abs(values) > limit).astype(float), clusters)
 

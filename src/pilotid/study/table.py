@@ -22,7 +22,7 @@ from pilotid.support.types import InputError
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-LARGEST = 1e300  # number among the settings
+LARGEST_SETTING = 1e300  # number among the settings
 #: Facts on the draw of a population by which its recordings are divided: words, and numbers.
 WORDS = ("element", "remnant", "forcing")
 NUMBERS = ("remnant_level", "dt", "duration", "run_in", "runs")
@@ -156,7 +156,7 @@ class Entry:
         for name in path.split("."):
             held = held.get(name) if isinstance(held, Mapping) else None
         is_number = isinstance(held, int | float) and not isinstance(held, bool)
-        return float(held) if is_number and abs(held) <= LARGEST else math.nan
+        return float(held) if is_number and abs(held) <= LARGEST_SETTING else math.nan
 
 
 class Store(Rows):

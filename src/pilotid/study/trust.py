@@ -31,7 +31,9 @@ from pilotid.support.disk import make_folder, strict_json, write_file
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.types import FloatArray, InputError
 
-USUAL = "mle"  # fits the recording where nothing else is named, and makes the simulated pilot
+DEFAULT_METHOD = (
+    "mle"  # fits the recording where nothing else is named, and makes the simulated pilot
+)
 COVERED = 0.95
 TRUST = "trust.json"
 #: What no simulation of a fit can tell.
@@ -234,7 +236,7 @@ def try_fit(
         write_file(path, strict_json(held).encode())
         origin = [str(path)]
     study = Study(origin, named or list(METHODS.values()), replications, seed)
-    label = label_of(named[0]) if named else USUAL
+    label = label_of(named[0]) if named else DEFAULT_METHOD
     comparison = study.run_in(folder, workers, bar)
     found = Trust(recording.source, estimate, label, simulated.specification, comparison)
     comparison.write(folder)
@@ -255,7 +257,7 @@ def fits_of(
     InputError
         If the fit failed.
     """
-    usual = method_named(USUAL)
+    usual = method_named(DEFAULT_METHOD)
     (first,) = method or (usual,)
     label = label_of(first)
     estimate = identify(first, recording, model, fit_rng(seed, label))
@@ -263,4 +265,4 @@ def fits_of(
         raise InputError(f"{recording.source}: {label}: {estimate.sentence}; nothing to simulate")
     if estimate.remnant is not None:
         return estimate, estimate
-    return estimate, identify(usual, recording, model, fit_rng(seed, USUAL))
+    return estimate, identify(usual, recording, model, fit_rng(seed, DEFAULT_METHOD))
