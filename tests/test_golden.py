@@ -24,7 +24,7 @@ HERE = machine() == written_on()
 LARGEST_SHIFT = 1e-6 if HERE else 1e-3
 #: The same where parameters are not told apart, so that the optimum is flat.
 LARGEST_IF_FLAT = 1e-6 if HERE else 2e-2
-#: Where a table has no errors to measure by: relative; of what profiles of people's recordings give.
+#: Relative, where a table has no errors to measure by; and of what profiles give.
 RELATIVE, RELATIVE_OF_ERRORS = (1e-9, 1e-9) if HERE else (1e-3, 2e-2)
 ERRORS = ("std_error", "lower_95", "upper_95")
 
