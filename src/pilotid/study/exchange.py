@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 MANIFEST = "manifest.json"
 RECORDINGS, TRUTH = "recordings", "truth"  # folders of an export
 STEPS = 1e4  # of a signal's rms: finer than any estimate needs, coarser than rounding
-LARGEST = 2**26  # bytes of a manifest or of a table of estimates
 NUMBERS = ("value", "std_error", "lower", "upper")
 #: Columns of a table of estimates that must be there.
 REQUIRED = ("scenario", "replication", "parameter", "value")
@@ -164,7 +163,7 @@ def read_manifest(estimates: Path) -> Manifest:
             f"{estimates}: there is no {MANIFEST} beside it; put it into the folder that `pilotid "
             "export` wrote"
         )
-    require_file(path, LARGEST)
+    require_file(path)
     try:
         manifest: Manifest = TypeAdapter(Manifest).validate_json(path.read_bytes())
     except (OSError, ValueError) as error:
@@ -239,7 +238,7 @@ def _table(path: Path) -> DataFrame:
     """The table of estimates: numbers are numbers, NaN where there are none."""
     from pandas import read_csv, to_numeric
 
-    require_file(path, LARGEST)
+    require_file(path)
     try:
         table = read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8-sig")
     except (OSError, ValueError) as error:
