@@ -313,7 +313,8 @@ REFUSED: list[tuple[str, Writer, list[str]]] = [
      saved({"a": structs([run(0)] * 2), "b": structs([run(1)] * 2)}),
      ["the structs a, b all hold signals", "F.mat::a"]),
     ("MATLAB no such part", part(saved({"a": run(0)}), "b"), ["no part 'b', only a"]),
-    ("no such level", part(saved({**TWO, "sigma": [3, 17]}), "sigma=4"), ["no run has 'sigma' = '4', but 3, 17"]),
+    ("no such level", part(saved({**TWO, "sigma": [3, 17]}), "sigma=4"),
+     ["no run has 'sigma' = '4', but 3, 17"]),
     ("levels of no runs", part(saved({**TWO, "sigma": [3, 17, 5]}), "sigma=3"),
      ["a variable with one number for each of the 2 runs"]),
     ("part of a table", part(written(text()), "a"), ["a table has no part 'a'"]),
@@ -353,14 +354,17 @@ REFUSED_LINES: list[tuple[list[str], list[str]]] = [
     (renamed("t,e,u,x,u_1", 5), ["line 1"]),
     (renamed("t,e,u_1,x,u_3", 5), ["line 1", "without a gap"]),
     (renamed("t,e,u_0,x,u_1", 5), ["F.csv: line 1, the header"]),
-    (renamed("t,e,u_1,x,u_2", 5), ["signal e has 1 runs of 240 samples but u has 2"]),
+    (renamed("t,e,u_1,x,u_2", 5), ["signal e is of the shape (1, 240) and u of (2, 240)"]),
     (renamed("t,e,u_1,x,u_2,run", 6), ["F.csv: line 1, the header"]),
     ([*long_format(["1", "2"])[:-1]], ["'2'", "line 242", "239", "240"]),
-    ([*long_format(["1"]), *(f"2,{r}" for r in rows(start=1.0)[1:])], ["the time of run 2 differs"]),
+    (
+        [*long_format(["1"]), *(f"2,{r}" for r in rows(start=1.0)[1:])],
+        ["the time of run 2 differs"],
+    ),
     ([*long_format(["1", "1"])], ["time does not increase at line 242"]),
     (["run,t,e,u,x", "a,0,0,0,0"], ["holds 1 samples"]),
     ([HEADER, *(f"{t},1,1,1" for t in (0, 1e200))], ["1e+200"]),
-    ([HEADER, *(f"{t},1,1,1" for t in (0, 1e-9))], ["1e-09"]),
+    ([HEADER, *(f"{t},1,1,1" for t in (0, 1e-9))], ["lasts 2e-09 s"]),
 ]
 
 #: Bytes of a CSV file.

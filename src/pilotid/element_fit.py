@@ -22,7 +22,7 @@ from pilotid.checks.element_forms import (
     spectra_in_window,
 )
 from pilotid.model.element import ControlledElement, parsed_element
-from pilotid.recording.recording import Recording, remembered, unit_sized
+from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
 from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.types import FloatArray
@@ -217,7 +217,7 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
     """
     found = identified_element(recording)
     named = parsed_element(recording.controlled_element)
-    fault = next((f for f in findings(unit_sized(recording)) if f.grade != "note"), None)
+    fault = next((f for f in findings(recording) if f.grade != "note"), None)
     shifted = fault and fault.code == "late-signal" and abs(fault.size) > ELEMENT.late
     shown = found.element if found.sound and not shifted else None
     told = []

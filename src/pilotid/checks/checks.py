@@ -17,7 +17,7 @@ import numpy as np
 
 from pilotid.checks.detectors import Finding, findings, step_of
 from pilotid.checks.plant import element_changes, opposed, plant_of, unrelated
-from pilotid.recording.recording import ABSENT, Recording, remembered, unit_sized
+from pilotid.recording.recording import ABSENT, Recording, remembered
 from pilotid.recording.spectra import at_lines, known_lines, same_lines, target_lines
 from pilotid.recording.windows import of_runs
 from pilotid.support.limits import ELEMENT, RECORDER, SIGNAL
@@ -53,11 +53,10 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
 
     Empty for a sound one that is as it was recorded.
     """
-    sized = unit_sized(recording)
     found = [row(recording) for row in CHECKS]
-    faults = [f for f in findings(sized) if f.grade != "note"]
+    faults = [f for f in findings(recording) if f.grade != "note"]
     related = any(f.code in RELATED and f.signal != "e" and not _turned(f) for f in faults)
-    named = _names_by_lines(sized, ABOUT_ERROR if related else ABOUT_ERROR + ABOUT_OUTPUT)
+    named = _names_by_lines(recording, ABOUT_ERROR if related else ABOUT_ERROR + ABOUT_OUTPUT)
     is_late = any(f.code == "late-signal" for f in faults)
     if named and named.code in ("not-the-error", "wrong-unit") and is_late:
         named = None  # that tells why e is not ft - x

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pilotid.recording.recording import Recording, remembered, unit_sized
+from pilotid.recording.recording import Recording, remembered
 from pilotid.recording.spectra import at_lines, target_lines
 from pilotid.support.limits import ELEMENT
 from pilotid.support.remarks import Remark
@@ -72,7 +72,6 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
     run
         One of its runs alone; None for all.
     """
-    recording = unit_sized(recording)
     rows = slice(None) if run is None else slice(run, run + 1)
     spectra = {name: spectrum[rows] for name, spectrum in _spectra(recording).items()}
     disturbance = spectra.get("fd", 0.0)

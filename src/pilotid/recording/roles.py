@@ -13,7 +13,7 @@ from pilotid.recording.recording import (
     SIGNALS,
     Recording,
     factor_of,
-    is_unit,
+    is_label,
     require_extra_name,
     times,
 )
@@ -94,7 +94,7 @@ def bare(name: str) -> tuple[str, str]:
     """A name without its unit, and the unit: ``t [s]`` and ``u (deg)`` have one."""
     match = UNIT.fullmatch(name)
     unit = (match[2] or match[3] or "").strip() if match else ""
-    return (match[1], unit) if match and is_unit(unit) else (name, "")
+    return (match[1], unit) if match and is_label(unit) else (name, "")
 
 
 def places_of(mapping: Mapping[str, str] | None, extra: Iterable[str]) -> Places:

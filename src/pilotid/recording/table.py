@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pilotid.recording.recording import is_unit
+from pilotid.recording.recording import is_label
 from pilotid.recording.roles import Content, bare, number_of, shown
 from pilotid.support.types import FloatArray, InputError
 
@@ -164,4 +164,4 @@ def _separator(line: str) -> str:
 def _unit(cell: str) -> str | None:
     """The unit in a cell of a row of units, without its brackets; None if it is none."""
     text = re.sub(r"^\[(.*)\]$|^\((.*)\)$", r"\1\2", cell.strip()).strip()
-    return text if is_unit(text) and re.match(r"$|1$|-$|[^\W\d_]|[°%]", text) else None
+    return text if is_label(text) and re.match(r"$|1$|-$|[^\W\d_]|[°%]", text) else None
