@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pilotid.checks.detectors import Finding, findings, step_of
+from pilotid.checks.detectors import Finding, findings, step_of, unit_conversion
 from pilotid.checks.plant import element_changes, opposed, plant_of, unrelated
 from pilotid.recording.recording import ABSENT, Recording, remembered
 from pilotid.recording.spectra import at_lines, known_lines, same_lines, target_lines
@@ -243,42 +243,51 @@ def _longest_run(held: BoolArray) -> tuple[int, int]:
 
 
 def not_the_error(recording: Recording) -> Remark | None:
-    """The error of a compensatory task is the target less the output."""
+    """What is wrong where e is not ft - x, as in a compensatory task; None if it is."""
     if recording.ft is None:
         return _without_target(recording)
-    e, x, ft = (recording.window(s) for s in (recording.e, recording.x, recording.ft))
-    size = _rms(e)
-    off = _rms(e - (ft - x))
-    if off <= SIGNAL.identity * size or size == 0.0:
+    signals = {name: recording.window(getattr(recording, name)) for name in ("e", "x", "ft")}
+    off = _rms(signals["e"] - signals["ft"] + signals["x"]) / (_rms(signals["e"]) or 1.0)
+    if off <= SIGNAL.identity:
         return None
-    for code, what, trial, advice in (
-        ("wrong-sign", "e has the wrong sign", -e - (ft - x), _flip(recording, "e")),
-        ("wrong-sign", "x has the wrong sign", e - (ft + x), _flip(recording, "x")),
-        ("wrong-sign", "ft has the wrong sign", e - (-ft - x), _flip(recording, "ft")),
-        (
-            "not-the-error",
-            "e and ft - x differ by a constant",
-            _centred(e - (ft - x)),
-            "remove the offset",
-        ),
-    ):
-        if _rms(trial) <= SIGNAL.identity * size:
-            return Remark(code, f"e is not ft - x: {what}; {advice}")
-    for name, wanted, given in (("x", ft - e, x), ("e", ft - x, e), ("ft", e + x, ft)):
+    others = {
+        "e": signals["ft"] - signals["x"],
+        "x": signals["ft"] - signals["e"],
+        "ft": signals["e"] + signals["x"],
+    }
+    for name, wanted in others.items():
+        if _rms(signals[name] + wanted) <= SIGNAL.identity * _rms(signals["e"]):
+            cure = recording.flipped(name)
+            words = f"e is not ft - x: {name} has the wrong sign; flip it with --map {cure}"
+            return Remark("wrong-sign", words)
+    for name in ("x", "e", "ft"):
+        wanted, given = others[name], signals[name]
         factor = float(np.sum(wanted * given) / (np.sum(given**2) or 1.0))
-        if _rms(wanted - factor * given) <= SIGNAL.identity * _rms(wanted) and factor:
+        fits = factor and _rms(wanted - factor * given) <= SIGNAL.identity * _rms(wanted)
+        if fits and abs(factor - 1.0) > SIGNAL.scaled:
             return Remark("wrong-unit", f"e is not ft - x: {_scaled(recording, name, factor)}")
     return Remark(
         "not-the-error",
-        f"e is not ft - x: they differ by {100.0 * off / size:.3g} % of e; check signs, units and "
-        "the names that --map gives",
+        f"e is not ft - x: they differ by {100.0 * off:.3g} % of e; check signs, units, offsets "
+        "and the names that --map gives",
     )
 
 
 def _without_target(recording: Recording) -> Remark | None:
     """What the disturbance does to the output it does to the error, with the other sign."""
-    factor = _at_disturbance(recording)
-    if factor is None or abs(factor - 1.0) <= SIGNAL.scaled:
+    lines = known_lines(recording).get("fd")
+    if lines is None:
+        return None
+    error, output = (
+        np.fft.rfft(recording.window(signal))[:, lines] for signal in (recording.e, recording.x)
+    )
+    if not np.abs(output).all():
+        return None
+    # Remnant and transients are in both alike; a target that is no multisine makes them differ.
+    factors = -error / output
+    factor = float(np.median(factors.real))
+    off = float(np.median(np.abs(factors - factor)))
+    if off > SIGNAL.same_factor * abs(factor) or abs(factor - 1.0) <= SIGNAL.scaled:
         return None
     if abs(factor + 1.0) <= SIGNAL.scaled:
         return Remark(
@@ -291,34 +300,13 @@ def _without_target(recording: Recording) -> Remark | None:
     )
 
 
-def _at_disturbance(recording: Recording) -> float | None:
-    """What x must be multiplied with to be -e at the lines of fd; None if they do not tell."""
-    every = known_lines(recording)
-    if "fd" not in every:
-        return None
-    error, output = (
-        np.fft.rfft(recording.window(signal))[:, every["fd"]]
-        for signal in (recording.e, recording.x)
-    )
-    if not np.abs(output).all():
-        return None
-    # Remnant and transients are in both alike; a target that is no multisine makes them differ.
-    factors = -error / output
-    middle = float(np.median(factors.real))
-    off = float(np.median(np.abs(factors - middle)))
-    return middle if off <= SIGNAL.same_factor * abs(middle) else None
-
-
 def _scaled(recording: Recording, name: str, factor: float) -> str:
-    for ratio, units in ((180.0 / np.pi, "radians"), (np.pi / 180.0, "degrees")):
-        if abs(factor / ratio - 1.0) <= SIGNAL.identity:
-            other = "degrees" if units == "radians" else "radians"
-            cure = recording.scaled(name, ratio)
-            return f"{name} is in {units} and the others are in {other}; convert it: --map {cure}"
-    return (
-        f"{name} is {1.0 / factor:.4g} times what the others make it, so the units differ; give "
-        f"all in one unit, for example with --map {recording.scaled(name, float(f'{factor:.4g}'))}"
-    )
+    """What is wrong with a signal that must be multiplied with a factor, and the cure."""
+    exact, unit = unit_conversion(factor)
+    cure = f"convert it: --map {recording.scaled(name, exact)}"
+    if unit:
+        return f"{name} is in {unit} and the others are not; {cure}"
+    return f"{name} is {1.0 / factor:.4g} times what the others make it; {cure}"
 
 
 def exchanged(recording: Recording) -> Remark | None:
@@ -363,24 +351,14 @@ def _is_answer(recording: Recording, other: FloatArray) -> bool | None:
 def _exchange(recording: Recording) -> str:
     """How to exchange the names of e and x, of which one may follow from the other."""
     places = {name: recording.origin.get(name, name) for name in ("e", "x")}
-    for name, other in (("e", "x"), ("x", "e")):
+    for name, other in (("x", "e"), ("e", "x")):
         if places[name] == f"ft - {other}":
-            if places[other] == other:
-                return f"name the column {other} {name} in the file"
-            return f"map that column to {name} alone: --map {name}={places[other]}"
+            return f"name the column {places[other]} {name} in the file"
     return f"correct the names with --map e={places['x']},x={places['e']}"
-
-
-def _flip(recording: Recording, name: str) -> str:
-    return f"flip it with --map {recording.flipped(name)}"
 
 
 def _rms(signal: FloatArray) -> float:
     return float(np.sqrt(np.mean(signal**2)))
-
-
-def _centred(signal: FloatArray) -> FloatArray:
-    return np.asarray(signal - signal.mean(axis=1, keepdims=True))
 
 
 #: Units, names and signs, by e = ft - x and by x as the answer to u and fd.
