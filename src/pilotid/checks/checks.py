@@ -19,10 +19,10 @@ from pilotid.checks.detectors import Finding, findings, step_of, unit_conversion
 from pilotid.checks.plant import element_changes, opposed, plant_of, unrelated
 from pilotid.recording.recording import ABSENT, Recording, remembered
 from pilotid.recording.spectra import at_lines, known_lines, same_lines, target_lines
-from pilotid.recording.windows import of_runs
+from pilotid.recording.windows import longest_run, of_runs
 from pilotid.support.limits import ELEMENT, RECORDER, SIGNAL
 from pilotid.support.remarks import Remark, gravest_first
-from pilotid.support.types import BoolArray, FloatArray
+from pilotid.support.types import FloatArray
 
 BLOCK = 5.0  # seconds whose mean is one observation of an offset
 Found = Iterator[tuple[float, str]]
@@ -98,7 +98,7 @@ def _spikes(recording: Recording) -> Found:
         if usual > 0.0:
             yield (
                 size / usual,
-                f"{name} is {_sized(recording, name, size)} at t = {sample * recording.dt:.4g} s "
+                f"{name} is {size:.3g} at t = {sample * recording.dt:.4g} s "
                 f"of run {run + 1}, {size / usual:.2g} times its usual size: a code for a missing "
                 "value or a fault; repair it or leave that part out",
             )
@@ -158,7 +158,7 @@ def _held(recording: Recording) -> Found:
         window = recording.window(recording.input(name))
         least = SIGNAL.jump * step_of(window)
         for run, row in enumerate(window):
-            first, count = _longest_run(np.diff(row) == 0.0)
+            first, count = longest_run(np.diff(row) == 0.0)
             # What rounding holds goes on by a step.
             around = row[[max(first - 1, 0), min(first + count + 1, row.size - 1)]]
             if np.max(np.abs(around - row[first])) > least:
@@ -191,8 +191,8 @@ def _drifting(recording: Recording) -> Found:
         u = recording.window(recording.u)[run]
         signals = [recording.window(recording.input(n))[run] for n in names]
         trend = np.linspace(-0.5, 0.5, u.size)
-        basis = _orthonormal([np.ones_like(u), *signals])
-        own, left = (v - basis @ (basis.T @ v) for v in (trend, u))
+        table, wanted = np.stack([np.ones_like(u), *signals], 1), np.stack([trend, u], 1)
+        own, left = (wanted - table @ np.linalg.lstsq(table, wanted)[0]).T
         share = float(own @ own) / float(trend @ trend)
         if share < SIGNAL.own_trend:
             continue  # a signal of the loop is a trend itself
@@ -202,7 +202,7 @@ def _drifting(recording: Recording) -> Found:
         # What the loop's own trends could have made of it as well counts for nothing.
         yield (
             abs(slope) * math.sqrt(share) / rest / longer / SIGNAL.drift,
-            f"u drifts by {_sized(recording, 'u', slope)} over run {run + 1}, "
+            f"u drifts by {slope:.3g} over run {run + 1}, "
             f"{abs(slope) / rest:.1f} standard deviations of the rest, and no other signal does: "
             "take it out with --detrend",
         )
@@ -215,31 +215,9 @@ def _drifting(recording: Recording) -> Found:
         mean, error = float(np.mean(blocks)), float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
         yield (
             abs(mean) / max(error, 1e-300) / SIGNAL.offset,
-            f"u has an offset of {_sized(recording, 'u', mean)}, which biases methods that do not "
+            f"u has an offset of {mean:.3g}, which biases methods that do not "
             "model one: take it out with --detrend",
         )
-
-
-def _sized(recording: Recording, name: str, value: float) -> str:
-    """A value with the unit of its signal."""
-    return f"{value:.3g} {recording.units.get(name, '')}".rstrip()
-
-
-def _orthonormal(columns: Sequence[FloatArray]) -> FloatArray:
-    """A basis of what the columns span, shape (samples, dimensions)."""
-    table = np.stack([c / (np.linalg.norm(c) or 1.0) for c in columns], axis=1)
-    left, size, _ = np.linalg.svd(table, full_matrices=False)
-    return np.asarray(left[:, size > 1e-6 * size[0]])
-
-
-def _longest_run(held: BoolArray) -> tuple[int, int]:
-    """Where the longest run of true entries begins, and its length."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(int)))
-    begins, ends = edges[::2], edges[1::2]
-    if not begins.size:
-        return 0, 0
-    longest = int(np.argmax(ends - begins))
-    return int(begins[longest]), int(ends[longest] - begins[longest])
 
 
 def not_the_error(recording: Recording) -> Remark | None:

@@ -69,7 +69,8 @@ def _signal(recording: Recording, name: str) -> dict[str, Any]:
 
 
 def _forcing(recording: Recording, name: str) -> dict[str, Any]:
-    base, answer = 2.0 * np.pi / recording.duration, answers(recording).get(name)
+    base = 2.0 * np.pi / recording.duration
+    answered, coherence = answers(recording).get(name, (None, None))
     lines, why = [], "it does not move"
     try:
         lines = lines_of(recording, name).tolist()
@@ -82,7 +83,7 @@ def _forcing(recording: Recording, name: str) -> dict[str, Any]:
         "lowest": lines[0] * base if lines else None,
         "highest": lines[-1] * base if lines else None,
         "given": name in recording.lines,
-        "answered": None if answer is None else answer.loud,
-        "coherence": None if answer is None else answer.coherence,
+        "answered": answered,
+        "coherence": coherence,
         "why": "" if lines else why,
     }
