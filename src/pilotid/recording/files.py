@@ -209,8 +209,6 @@ class Reading:
 
     def one(self, file: Path) -> Recording:
         """The recording in a file."""
-        if self.dt is not None and not 0.0 < self.dt < 1.0:
-            raise InputError(f"--dt {self.dt:g}: give seconds between samples, as in --dt 0.01")
         recording = load_recording(file, self.names, self.dt, periods=not self.span)
         recording = replace(recording, lead_in=self.lead_in)
         if self.span:
@@ -247,7 +245,7 @@ def detrended(recording: Recording) -> Recording:
     """The recording with a straight line taken out of the control of each run.
 
     The line is that of least squares over the measurement window.  It takes with it what the
-    pilot himself did so slowly; `Recording.treatment` tells what was taken.
+    pilot himself did so slowly; `Recording.treatment` tells of it.
     """
     time = recording.time
     inside = time[recording.run_in :]
@@ -256,10 +254,5 @@ def detrended(recording: Recording) -> Recording:
     slope = (window @ centred) / float(centred @ centred)
     mean = window.mean(axis=1)
     line = mean[:, None] + slope[:, None] * (time - inside.mean())
-    gained = ", ".join(f"{s * recording.duration:.3g}" for s in slope)
-    where = "run" if recording.runs == 1 else "runs"
-    words = (
-        f"a straight line was taken out of u, which gained {gained} over the {where} and was "
-        f"{', '.join(f'{m:.3g}' for m in mean)} in the mean"
-    )
+    words = "a straight line was taken out of u in each run"
     return replace(recording, u=recording.u - line, treatment=(*recording.treatment, words))

@@ -248,13 +248,11 @@ class Recording:
         InputError
             If it is no span, the window ends before it does, or it is too short.
         """
-        if not 0.0 <= start < end < np.inf:
-            raise InputError(f"the span {start:g}:{end:g} must be START:END in seconds, as in 0:41")
         first, last = round(start / self.dt), round(end / self.dt)
-        if last > self.samples:
+        if not 0 <= first < last <= self.samples:
             raise InputError(
-                f"the span {start:g}:{end:g}: the window of {self.source} ends at "
-                f"{self.duration:.4g} s"
+                f"the span {start:g}:{end:g} must lie in the window of {self.source}, which ends "
+                f"at {self.duration:.4g} s"
             )
         share = (last - first) / self.samples
         lines = {name: np.array(lines) * share for name, lines in self.lines.items()}

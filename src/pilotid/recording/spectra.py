@@ -9,6 +9,7 @@ exact.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,14 +69,6 @@ def known_lines(recording: Recording) -> dict[str, IntArray]:
         return forcing_lines(recording)
     except NotMultisineError:
         return {}
-
-
-def _has_lines(recording: Recording, name: str) -> bool:
-    """Whether a forcing function is a sum of a few sines."""
-    try:
-        return lines_of(recording, name).size > 0
-    except NotMultisineError:
-        return False
 
 
 def lines_of(recording: Recording, name: str) -> IntArray:
@@ -296,8 +289,9 @@ def floors_of(recording: Recording) -> Floors:
     if recording.ft is not None:  # a target that steps has all frequencies, and is no noise
         own = periodogram(recording.e - recording.ft, recording.dt)[0][:, top]
         floor["e"] = min(floor["e"], float(own.mean()))
-    if _has_lines(recording, "ft"):  # what lies between them is no noise, and no signal either
-        floor["ft"] = 0.0
+    with suppress(NotMultisineError):
+        if lines_of(recording, "ft").size:  # what lies between is no noise, and no signal either
+            floor["ft"] = 0.0
     return Floors(omega, power, floor)
 
 

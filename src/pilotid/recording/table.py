@@ -16,7 +16,7 @@ from pilotid.recording.roles import Content, bare, number_of, shown
 from pilotid.support.types import FloatArray, InputError
 
 RUN = "run"  # the column that numbers the runs of a file in long format
-COMMENT = ("#", "%")
+COMMENT = ("#", "%", "sep=", '"sep=')  # what no row begins with
 NUMBER = r"\s*[-+]?[.,]?[0-9]"  # how a row of numbers begins
 MORE = "..."  # behind the last name, where more columns follow than there are names
 #: Lines with their numbers.
@@ -114,20 +114,18 @@ def _text(path: Path) -> str:
 def _layout(text: str) -> tuple[Lines, str]:
     """The header and the rows, and the separator.
 
-    Before the header there may be a line ``sep=;`` and lines that begin with # or %.  One of these
+    Before the header there may be lines that begin with # or %, and a line ``sep=;``.  One of these
     is the header itself if numbers follow at once: the last with a name for each, or the one above
     it if that holds units.  Names that end in ``...`` stand for as many as there are columns.
     """
     lines = list(enumerate(re.split(r"\r\n|\r|\n", text), start=1))
-    marked = re.fullmatch(r'"?sep=([,;\t ])"?\s*', lines[0][1], re.IGNORECASE)
-    separator, lines = (marked[1], lines[1:]) if marked else ("", lines)
     begin = next((k for k, (_, line) in enumerate(lines) if _is_row(line)), 0)
     comments = [(number, line.strip("#% \t")) for number, line in lines[:begin]]
     body = [(n, line) for n, line in lines[begin:] if not line.lstrip().startswith(COMMENT)]
     first = body[0][1] if body else ""
 
     def cells(line: str) -> list[str]:
-        return _cells(line, separator or _separator(line))
+        return _cells(line, _separator(line))
 
     width = len(cells(first))
     fits = [k for k, (_, c) in enumerate(comments) if c.endswith(MORE) or len(cells(c)) == width]
@@ -136,12 +134,12 @@ def _layout(text: str) -> tuple[Lines, str]:
         if end - 1 in fits and None not in map(_unit, cells(comments[end][1])):
             start -= 1
         number, header = comments[start]
-        separator = separator or _separator(header)
         if header.endswith(MORE):
             names = cells(header.removesuffix(MORE))
-            header = separator.join([*names, *names[-1:] * (width - len(names))])
+            header = _separator(header).join([*names, *names[-1:] * (width - len(names))])
         body = [(number, header), *comments[start + 1 : end + 1], *body]
-    return body or [(1, "")], separator or _separator(body[0][1])
+    body = body or [(1, "")]
+    return body, _separator(body[0][1])
 
 
 def _is_row(line: str) -> bool:

@@ -87,16 +87,11 @@ def _differences(signals: FloatArray, delay: int) -> FloatArray:
 
 def _moving(recording: Recording) -> FloatArray:
     """The different forcing functions that move, of unit size, shape (functions, samples)."""
-    rows = [
-        row
-        for name in ("ft", "fd")
-        if (signal := getattr(recording, name)) is not None
-        for row in np.unique(recording.window(signal), axis=0)
-    ]
-    sizes = [float(np.std(row)) for row in rows]
-    largest = max(sizes, default=0.0)
-    moving = [r / s for r, s in zip(rows, sizes, strict=True) if s > 1e-9 * largest]
-    return np.array(moving).reshape(len(moving), recording.samples)
+    forcing = [s for s in (recording.ft, recording.fd) if s is not None]
+    rows = np.unique(recording.window(np.concatenate([recording.u[:0], *forcing])), axis=0)
+    sizes = rows.std(axis=1, keepdims=True)
+    moving = sizes[:, 0] > 1e-9 * sizes.max(initial=0.0)
+    return np.asarray(rows[moving] / sizes[moving])
 
 
 def _candidates(signals: FloatArray, shortest: int, longest: int) -> list[int]:
