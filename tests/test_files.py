@@ -390,7 +390,7 @@ REFUSED_NOTES: list[tuple[str, list[str]]] = [
     ('{"units": {"y": "deg"}}', ["F.json: units", "'y'"]),
     ('{"lines": {"u": [1]}}', ["F.json: lines.u"]),
     ('{"lines": {"ft": [1, "2"]}}', ["F.json: lines.ft.1"]),
-    ('{"units": {"u": "' + "m" * 41 + '"}}', ["F.csv: the unit of u"]),
+    ('{"units": {"u": "' + "m" * 41 + '"}}', ["F.json: units.u"]),
 ]
 
 #: The variables of a MATLAB file.

@@ -205,7 +205,11 @@ def element_changes(recording: Recording) -> Remark | None:
     half = recording.samples // 2
     drive = recording.u if recording.fd is None else recording.u + recording.fd
     first, second = (
-        _answer(*(_spectrum(recording, s, part) for s in (recording.x, drive)), half * recording.dt)
+        _answer(
+            _spectrum(recording, recording.x, part),
+            _spectrum(recording, drive, part),
+            half * recording.dt,
+        )
         for part in (slice(half), slice(-half, None))
     )
     if first is None or second is None:

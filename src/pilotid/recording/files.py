@@ -8,6 +8,7 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from pilotid.recording.windows import (
     whole_periods,
 )
 from pilotid.support.disk import path_shown, require_file, write_file
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.types import InputError
 
 TEXTS = (".csv", ".txt", ".tsv", ".dat")
 READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz")
@@ -136,7 +137,7 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
         "controlled_element": recording.controlled_element,
     }
     notes = parsed(facts, source).model_dump(exclude_defaults=True)
-    columns: dict[str, FloatArray] = {}
+    columns: dict[str, Any] = {}
     for name in recording.signals:
         runs = recording.input(name)
         same = name not in ("e", "u", "x") and all(r.tobytes() == runs[0].tobytes() for r in runs)
@@ -162,11 +163,8 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
 
 def _suffix(file: Path, source: str, known: Collection[str]) -> str:
     suffix = file.suffix.lower()
-    others = "" if known == WRITTEN else f", or one of {' '.join(READ[1:])}"
     if suffix not in known:
-        raise InputError(
-            f"{source}: a recording must be a .csv or a .mat file{others}; convert it to one"
-        )
+        raise InputError(f"{source}: convert it to a .csv or a .mat file, or to {' '.join(known)}")
     return suffix
 
 

@@ -29,18 +29,9 @@ SHORTEST = 10.0  # seconds of measurement window that an identification needs
 COARSEST = 0.1  # seconds between samples: half that rate is just above the pilot's band
 LARGEST = 1e100  # of a signal in any unit; squares and their sums must not overflow
 LEAST_SCORED = 5.0  # s
-LONGEST_UNIT = 40  # characters
-LONGEST_ELEMENT = 200
-
-
 #: The origin of x where it was not recorded: it is zero, and no signal.
 ABSENT = "not recorded"
 LEAD_IN = 3.0  # seconds from which a prediction starts, where no run-in is longer
-
-
-def is_label(text: object, longest: int = LONGEST_UNIT) -> bool:
-    """Whether a text can label an axis; a dollar sign would start a formula there."""
-    return isinstance(text, str) and len(text) <= longest and text.isprintable() and "$" not in text
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,14 +113,6 @@ class Recording:
             require_extra_name(name)
         extra = {name: self._checked(name, value) for name, value in self.extra.items()}
         object.__setattr__(self, "extra", extra)
-        labels = {f"the unit of {name}": (unit, LONGEST_UNIT) for name, unit in self.units.items()}
-        labels["the controlled element"] = self.controlled_element, LONGEST_ELEMENT
-        for what, (label, longest) in labels.items():
-            if not is_label(label, longest):
-                self._refuse(
-                    f"{what} must be at most {longest} printable characters without $; shorten it "
-                    "or leave it out"
-                )
         scored = self.duration - max(0.0, self.lead_in - self.run_in * self.dt)
         if min(self.run_in, self.lead_in) < 0 or self.duration < SHORTEST or scored < LEAST_SCORED:
             self._refuse(

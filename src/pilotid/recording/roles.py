@@ -13,7 +13,6 @@ from pilotid.recording.recording import (
     SIGNALS,
     Recording,
     factor_of,
-    is_label,
     require_extra_name,
     times,
 )
@@ -90,11 +89,16 @@ def listed(names: Iterable[object]) -> str:
     return ", ".join(texts[:20] + ["..."] * (len(texts) > 20)) or "none"
 
 
+def is_unit(text: str) -> bool:
+    """Whether a text can label an axis; a dollar sign would start a formula there."""
+    return len(text) <= 40 and text.isprintable() and "$" not in text
+
+
 def bare(name: str) -> tuple[str, str]:
     """A name without its unit, and the unit: ``t [s]`` and ``u (deg)`` have one."""
     match = UNIT.fullmatch(name)
     unit = (match[2] or match[3] or "").strip() if match else ""
-    return (match[1], unit) if match and is_label(unit) else (name, "")
+    return (match[1], unit) if match and is_unit(unit) else (name, "")
 
 
 def places_of(mapping: Mapping[str, str] | None, extra: Iterable[str]) -> Places:
@@ -140,8 +144,8 @@ def recording_of(
         If a signal is lacking or may be any of several, or if runs or arrays are unlike.
     """
     notes = content.notes
-    stated = {"--dt": dt, "the note dt": notes.dt}
-    stated = {who: interval for who, interval in stated.items() if interval is not None}
+    intervals = {"--dt": dt, "the note dt": notes.dt}
+    stated = {who: interval for who, interval in intervals.items() if interval is not None}
     signals, origin, units = _signals(content, mapping, timed=bool(stated))
     if "=" in content.part:
         signals = _runs_at(content, signals)

@@ -19,6 +19,8 @@ Count = Annotated[
     BeforeValidator(lambda n: int(n) if isinstance(n, float) and n.is_integer() else n),
     Field(ge=1, lt=10**15),
 ]
+#: What can label an axis: printable, no dollar sign.
+LABEL = r"^[^$\p{C}\p{Zl}\p{Zp}]*$"
 Listed = BeforeValidator(lambda value: value if isinstance(value, list) else [value])
 
 
@@ -39,10 +41,10 @@ class Sidecar(BaseModel):
     runs: Count | None = None
     run_in: Annotated[float, Field(ge=0, lt=1e9)] | None = None
     dt: Annotated[float, Field(ge=1e-6, le=100)] | None = None
-    units: dict[str, str] = {}
+    units: dict[str, Annotated[str, Field(max_length=40, pattern=LABEL)]] = {}
     lines: dict[Literal["ft", "fd"], Annotated[list[Count], Listed]] = {}
     extra: Annotated[list[str], Listed] = []
-    controlled_element: str = ""
+    controlled_element: Annotated[str, Field(max_length=200, pattern=LABEL)] = ""
 
 
 def parsed(raw: object, where: str) -> Sidecar:

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pilotid.recording.recording import is_label
-from pilotid.recording.roles import Content, bare, number_of, shown
+from pilotid.recording.roles import Content, bare, is_unit, number_of, shown
 from pilotid.support.types import FloatArray, InputError
 
 RUN = "run"  # the column that numbers the runs of a file in long format
@@ -162,4 +161,4 @@ def _separator(line: str) -> str:
 def _unit(cell: str) -> str | None:
     """The unit in a cell of a row of units, without its brackets; None if it is none."""
     text = re.sub(r"^\[(.*)\]$|^\((.*)\)$", r"\1\2", cell.strip()).strip()
-    return text if is_label(text) and re.match(r"$|1$|-$|[^\W\d_]|[°%]", text) else None
+    return text if is_unit(text) and re.match(r"$|1$|-$|[^\W\d_]|[°%]", text) else None

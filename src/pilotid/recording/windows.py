@@ -165,11 +165,10 @@ def chosen_runs(recording: Recording, text: str) -> Recording:
     for part in text.split(","):
         found = re.fullmatch(r"\s*(\d+)\s*(?:-\s*(\d+)\s*)?", part, re.ASCII)
         first, last = (int(found[1]), int(found[2] or found[1])) if found else (1, 0)
-        if not 1 <= first <= last:
-            raise InputError(f"--runs {text}: '{part}' names no runs; write for example 2-5 or 1,3")
-        if last > recording.runs:
+        if not 1 <= first <= last <= recording.runs:
             raise InputError(
-                f"--runs {text}: {recording.source} has no run {last}; it has {recording.runs}"
+                f"--runs {text}: '{part}' names no runs of {recording.source}, which has "
+                f"{recording.runs}; write for example 2-5 or 1,3"
             )
         runs += range(first, last + 1)
     return of_runs(recording, list(dict.fromkeys(runs)), f"runs {text}")
