@@ -28,7 +28,6 @@ from pilotid.support.types import InputError
 #: the scenario of a replication.
 AnyScenario = Scenario | Population
 
-LARGEST = 2**24  # bytes of a design
 
 #: Scenarios and populations by the name that the command line takes.
 CATALOGUE: dict[str, AnyScenario] = {**SCENARIOS, **POPULATIONS}
@@ -141,7 +140,7 @@ def designed_scenario(path: Path) -> Scenario:
     """
     from pydantic import TypeAdapter
 
-    require_file(path, LARGEST)
+    require_file(path)
     try:
         held = dict(json.loads(path.read_text(encoding="utf-8"))["scenario"])
         model = model_named(str(held.pop("model")))

@@ -120,7 +120,7 @@ def test_the_first_thing_that_is_wrong_is_told_and_how_to_mend_it() -> None:
     assert remark.endswith("flip it with --map e=-e")
     (remark,) = remarks(replace(recording, e=recording.e + 1.0))
     assert remark.code == "not-the-error"
-    assert "remove the offset" in remark
+    assert "check signs, units, offsets" in remark
     assert "ft is 2 times what the others" in remarks(replace(recording, ft=2.0 * recording.ft))[0]
     bent = recording.ft + 0.1 * np.abs(recording.ft)
     assert remarks(replace(recording, ft=bent))[0].code == "not-the-error"

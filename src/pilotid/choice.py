@@ -31,7 +31,7 @@ from pilotid.likelihood.search import maximise_likelihood
 from pilotid.likelihood.settings import LikelihoodSettings
 from pilotid.model.catalogue import MODELS, with_held
 from pilotid.model.model import PilotModel
-from pilotid.recording.recording import Recording, unit_sized
+from pilotid.recording.recording import Recording
 from pilotid.recording.roles import listed
 from pilotid.solve.least_squares import minimise
 from pilotid.spectral.coefficients import Coefficients
@@ -173,7 +173,6 @@ def compare_models(
         If no model has all its inputs in the recording.
     """
     models = [made_for(recording, model) for model in models]
-    recording = unit_sized(recording)
     models = [model for model in models if motionless_input(recording, model) is None]
     if not models:
         raise InputError(f"{recording.source}: none of the models has its inputs in the recording")

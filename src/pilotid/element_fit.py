@@ -22,12 +22,11 @@ from pilotid.checks.element_forms import (
     spectra_in_window,
 )
 from pilotid.model.element import ControlledElement, parsed_element
-from pilotid.recording.recording import Recording, remembered, unit_sized
+from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
 from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.types import FloatArray
 
-LARGEST = 1e100  # of a gain, whose square must not overflow
 #: Where loops cross over [rad/s].
 OMEGA = np.geomspace(0.5, 6.0, 40)
 ADVICE = (
@@ -79,9 +78,6 @@ def identified_element(recording: Recording) -> IdentifiedElement:
     for name, signal in (("x", output), ("u + fd", given)):
         if not np.ptp(signal, axis=1).any():
             return IdentifiedElement(None, remark=f"{name} does not move")
-    spectra = spectra_in_window(recording)
-    if not 1.0 / LARGEST < spectra.gain < LARGEST:
-        return IdentifiedElement(None, remark="no unit explains the sizes of u and x")
     fits = fits_of(recording)
     if not fits:
         return IdentifiedElement(None, remark="no form of element suits control and output")
@@ -217,22 +213,21 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
     """
     found = identified_element(recording)
     named = parsed_element(recording.controlled_element)
-    fault = next((f for f in findings(unit_sized(recording)) if f.grade != "note"), None)
+    fault = next((f for f in findings(recording) if f.grade != "note"), None)
     shifted = fault and fault.code == "late-signal" and abs(fault.size) > ELEMENT.late
     shown = found.element if found.sound and not shifted else None
-    told = []
-    for element, what in ((given, "given"), (named, "that the file names")):
-        sentence = differs(element, shown, OMEGA, what) if element and shown else None
-        if sentence:
-            told.append(sentence)
-    if given and named and not shown:
-        sentence = differs(given, named, OMEGA, by="the file names")
-        told += [sentence] if sentence else []
+    compared = [
+        (given, shown, "given", "control and output of the recording follow"),
+        (named, shown, "that the file names", "control and output of the recording follow"),
+        (given, None if shown else named, "given", "the file names"),
+    ]
+    every = (differs(one, other, what, by) for one, other, what, by in compared if one and other)
+    told = tuple(remark for remark in every if remark)
     for element, origin in ((given, GIVEN), (named, FILE), (shown, SIGNALS)):
         if element is not None:
-            return ElementChoice(found, element, origin, remarks=tuple(told))
+            return ElementChoice(found, element, origin, remarks=told)
     why = fault.sentence if fault else f"{found.remark}; name it, for example --element 4/s^2"
-    return ElementChoice(found, why=f"no loops: {why}", remarks=tuple(told))
+    return ElementChoice(found, why=f"no loops: {why}", remarks=told)
 
 
 @remembered
@@ -256,35 +251,29 @@ def recording_remarks(recording: Recording) -> tuple[Remark, ...]:
 
 
 def differs(
-    given: ControlledElement,
-    found: ControlledElement,
-    omega: FloatArray = OMEGA,
-    what: str = "given",
-    by: str = "control and output of the recording follow",
+    given: ControlledElement, other: ControlledElement, what: str, by: str
 ) -> Remark | None:
     """Say that two controlled elements are different ones; None if they are not.
 
     Parameters
     ----------
-    given, found
-        The element that someone states, and the one that is held against it.
-    omega
-        Frequencies at which they are compared [rad/s], shape (n,).
+    given, other
+        The element that someone states, and the one that it is compared with.
     what
         Which element the first is.
     by
         Where the second comes from, with its verb.
     """
     with np.errstate(all="ignore"):  # a pole or a zero may lie at one of them
-        ratio = given.response(omega) / found.response(omega)
+        ratio = given.response(OMEGA) / other.response(OMEGA)
         if float(np.sqrt(np.mean(np.abs(ratio - 1.0) ** 2))) <= ELEMENT.different:
             return None
-    middle = int(np.argmin(np.abs(omega - 2.0)))
+    middle = int(np.argmin(np.abs(OMEGA - 2.0)))
     gain, phase = np.abs(ratio[middle]), np.nan_to_num(np.angle(ratio[middle], deg=True))
     return Remark(
         "element-differs",
         f"the controlled element {what} is {given.name or 'another'}, but {by} "
-        f"{found.name or 'another'}: at {omega[middle]:.2g} rad/s their gains are as {gain:.3g} to "
+        f"{other.name or 'another'}: at {OMEGA[middle]:.2g} rad/s their gains are as {gain:.3g} to "
         f"1 and their phases {round(float(phase)):d} deg apart; margins with the wrong one mislead",
     )
 

@@ -15,14 +15,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pilotid.checks.detectors import Finding, findings, step_of
+from pilotid.checks.detectors import Finding, findings, step_of, unit_conversion
 from pilotid.checks.plant import element_changes, opposed, plant_of, unrelated
-from pilotid.recording.recording import ABSENT, Recording, remembered, unit_sized
+from pilotid.recording.recording import ABSENT, Recording, remembered
 from pilotid.recording.spectra import at_lines, known_lines, same_lines, target_lines
-from pilotid.recording.windows import of_runs
+from pilotid.recording.windows import longest_run, of_runs
 from pilotid.support.limits import ELEMENT, RECORDER, SIGNAL
 from pilotid.support.remarks import Remark, gravest_first
-from pilotid.support.types import BoolArray, FloatArray
+from pilotid.support.types import FloatArray
 
 BLOCK = 5.0  # seconds whose mean is one observation of an offset
 Found = Iterator[tuple[float, str]]
@@ -53,11 +53,10 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
 
     Empty for a sound one that is as it was recorded.
     """
-    sized = unit_sized(recording)
     found = [row(recording) for row in CHECKS]
-    faults = [f for f in findings(sized) if f.grade != "note"]
+    faults = [f for f in findings(recording) if f.grade != "note"]
     related = any(f.code in RELATED and f.signal != "e" and not _turned(f) for f in faults)
-    named = _names_by_lines(sized, ABOUT_ERROR if related else ABOUT_ERROR + ABOUT_OUTPUT)
+    named = _names_by_lines(recording, ABOUT_ERROR if related else ABOUT_ERROR + ABOUT_OUTPUT)
     is_late = any(f.code == "late-signal" for f in faults)
     if named and named.code in ("not-the-error", "wrong-unit") and is_late:
         named = None  # that tells why e is not ft - x
@@ -99,7 +98,7 @@ def _spikes(recording: Recording) -> Found:
         if usual > 0.0:
             yield (
                 size / usual,
-                f"{name} is {_sized(recording, name, size)} at t = {sample * recording.dt:.4g} s "
+                f"{name} is {size:.3g} at t = {sample * recording.dt:.4g} s "
                 f"of run {run + 1}, {size / usual:.2g} times its usual size: a code for a missing "
                 "value or a fault; repair it or leave that part out",
             )
@@ -159,7 +158,7 @@ def _held(recording: Recording) -> Found:
         window = recording.window(recording.input(name))
         least = SIGNAL.jump * step_of(window)
         for run, row in enumerate(window):
-            first, count = _longest_run(np.diff(row) == 0.0)
+            first, count = longest_run(np.diff(row) == 0.0)
             # What rounding holds goes on by a step.
             around = row[[max(first - 1, 0), min(first + count + 1, row.size - 1)]]
             if np.max(np.abs(around - row[first])) > least:
@@ -192,8 +191,8 @@ def _drifting(recording: Recording) -> Found:
         u = recording.window(recording.u)[run]
         signals = [recording.window(recording.input(n))[run] for n in names]
         trend = np.linspace(-0.5, 0.5, u.size)
-        basis = _orthonormal([np.ones_like(u), *signals])
-        own, left = (v - basis @ (basis.T @ v) for v in (trend, u))
+        table, wanted = np.stack([np.ones_like(u), *signals], 1), np.stack([trend, u], 1)
+        own, left = (wanted - table @ np.linalg.lstsq(table, wanted)[0]).T
         share = float(own @ own) / float(trend @ trend)
         if share < SIGNAL.own_trend:
             continue  # a signal of the loop is a trend itself
@@ -203,7 +202,7 @@ def _drifting(recording: Recording) -> Found:
         # What the loop's own trends could have made of it as well counts for nothing.
         yield (
             abs(slope) * math.sqrt(share) / rest / longer / SIGNAL.drift,
-            f"u drifts by {_sized(recording, 'u', slope)} over run {run + 1}, "
+            f"u drifts by {slope:.3g} over run {run + 1}, "
             f"{abs(slope) / rest:.1f} standard deviations of the rest, and no other signal does: "
             "take it out with --detrend",
         )
@@ -216,70 +215,57 @@ def _drifting(recording: Recording) -> Found:
         mean, error = float(np.mean(blocks)), float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
         yield (
             abs(mean) / max(error, 1e-300) / SIGNAL.offset,
-            f"u has an offset of {_sized(recording, 'u', mean)}, which biases methods that do not "
+            f"u has an offset of {mean:.3g}, which biases methods that do not "
             "model one: take it out with --detrend",
         )
 
 
-def _sized(recording: Recording, name: str, value: float) -> str:
-    """A value with the unit of its signal."""
-    return f"{value:.3g} {recording.units.get(name, '')}".rstrip()
-
-
-def _orthonormal(columns: Sequence[FloatArray]) -> FloatArray:
-    """A basis of what the columns span, shape (samples, dimensions)."""
-    table = np.stack([c / (np.linalg.norm(c) or 1.0) for c in columns], axis=1)
-    left, size, _ = np.linalg.svd(table, full_matrices=False)
-    return np.asarray(left[:, size > 1e-6 * size[0]])
-
-
-def _longest_run(held: BoolArray) -> tuple[int, int]:
-    """Where the longest run of true entries begins, and its length."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(int)))
-    begins, ends = edges[::2], edges[1::2]
-    if not begins.size:
-        return 0, 0
-    longest = int(np.argmax(ends - begins))
-    return int(begins[longest]), int(ends[longest] - begins[longest])
-
-
 def not_the_error(recording: Recording) -> Remark | None:
-    """The error of a compensatory task is the target less the output."""
+    """What is wrong where e is not ft - x, as in a compensatory task; None if it is."""
     if recording.ft is None:
         return _without_target(recording)
-    e, x, ft = (recording.window(s) for s in (recording.e, recording.x, recording.ft))
-    size = _rms(e)
-    off = _rms(e - (ft - x))
-    if off <= SIGNAL.identity * size or size == 0.0:
+    signals = {name: recording.window(getattr(recording, name)) for name in ("e", "x", "ft")}
+    off = _rms(signals["e"] - signals["ft"] + signals["x"]) / (_rms(signals["e"]) or 1.0)
+    if off <= SIGNAL.identity:
         return None
-    for code, what, trial, advice in (
-        ("wrong-sign", "e has the wrong sign", -e - (ft - x), _flip(recording, "e")),
-        ("wrong-sign", "x has the wrong sign", e - (ft + x), _flip(recording, "x")),
-        ("wrong-sign", "ft has the wrong sign", e - (-ft - x), _flip(recording, "ft")),
-        (
-            "not-the-error",
-            "e and ft - x differ by a constant",
-            _centred(e - (ft - x)),
-            "remove the offset",
-        ),
-    ):
-        if _rms(trial) <= SIGNAL.identity * size:
-            return Remark(code, f"e is not ft - x: {what}; {advice}")
-    for name, wanted, given in (("x", ft - e, x), ("e", ft - x, e), ("ft", e + x, ft)):
+    others = {
+        "e": signals["ft"] - signals["x"],
+        "x": signals["ft"] - signals["e"],
+        "ft": signals["e"] + signals["x"],
+    }
+    for name, wanted in others.items():
+        if _rms(signals[name] + wanted) <= SIGNAL.identity * _rms(signals["e"]):
+            cure = recording.flipped(name)
+            words = f"e is not ft - x: {name} has the wrong sign; flip it with --map {cure}"
+            return Remark("wrong-sign", words)
+    for name in ("x", "e", "ft"):
+        wanted, given = others[name], signals[name]
         factor = float(np.sum(wanted * given) / (np.sum(given**2) or 1.0))
-        if _rms(wanted - factor * given) <= SIGNAL.identity * _rms(wanted) and factor:
+        fits = factor and _rms(wanted - factor * given) <= SIGNAL.identity * _rms(wanted)
+        if fits and abs(factor - 1.0) > SIGNAL.scaled:
             return Remark("wrong-unit", f"e is not ft - x: {_scaled(recording, name, factor)}")
     return Remark(
         "not-the-error",
-        f"e is not ft - x: they differ by {100.0 * off / size:.3g} % of e; check signs, units and "
-        "the names that --map gives",
+        f"e is not ft - x: they differ by {100.0 * off:.3g} % of e; check signs, units, offsets "
+        "and the names that --map gives",
     )
 
 
 def _without_target(recording: Recording) -> Remark | None:
     """What the disturbance does to the output it does to the error, with the other sign."""
-    factor = _at_disturbance(recording)
-    if factor is None or abs(factor - 1.0) <= SIGNAL.scaled:
+    lines = known_lines(recording).get("fd")
+    if lines is None:
+        return None
+    error, output = (
+        np.fft.rfft(recording.window(signal))[:, lines] for signal in (recording.e, recording.x)
+    )
+    if not np.abs(output).all():
+        return None
+    # Remnant and transients are in both alike; a target that is no multisine makes them differ.
+    factors = -error / output
+    factor = float(np.median(factors.real))
+    off = float(np.median(np.abs(factors - factor)))
+    if off > SIGNAL.same_factor * abs(factor) or abs(factor - 1.0) <= SIGNAL.scaled:
         return None
     if abs(factor + 1.0) <= SIGNAL.scaled:
         return Remark(
@@ -292,34 +278,13 @@ def _without_target(recording: Recording) -> Remark | None:
     )
 
 
-def _at_disturbance(recording: Recording) -> float | None:
-    """What x must be multiplied with to be -e at the lines of fd; None if they do not tell."""
-    every = known_lines(recording)
-    if "fd" not in every:
-        return None
-    error, output = (
-        np.fft.rfft(recording.window(signal))[:, every["fd"]]
-        for signal in (recording.e, recording.x)
-    )
-    if not np.abs(output).all():
-        return None
-    # Remnant and transients are in both alike; a target that is no multisine makes them differ.
-    factors = -error / output
-    middle = float(np.median(factors.real))
-    off = float(np.median(np.abs(factors - middle)))
-    return middle if off <= SIGNAL.same_factor * abs(middle) else None
-
-
 def _scaled(recording: Recording, name: str, factor: float) -> str:
-    for ratio, units in ((180.0 / np.pi, "radians"), (np.pi / 180.0, "degrees")):
-        if abs(factor / ratio - 1.0) <= SIGNAL.identity:
-            other = "degrees" if units == "radians" else "radians"
-            cure = recording.scaled(name, ratio)
-            return f"{name} is in {units} and the others are in {other}; convert it: --map {cure}"
-    return (
-        f"{name} is {1.0 / factor:.4g} times what the others make it, so the units differ; give "
-        f"all in one unit, for example with --map {recording.scaled(name, float(f'{factor:.4g}'))}"
-    )
+    """What is wrong with a signal that must be multiplied with a factor, and the cure."""
+    exact, unit = unit_conversion(factor)
+    cure = f"convert it: --map {recording.scaled(name, exact)}"
+    if unit:
+        return f"{name} is in {unit} and the others are not; {cure}"
+    return f"{name} is {1.0 / factor:.4g} times what the others make it; {cure}"
 
 
 def exchanged(recording: Recording) -> Remark | None:
@@ -364,24 +329,14 @@ def _is_answer(recording: Recording, other: FloatArray) -> bool | None:
 def _exchange(recording: Recording) -> str:
     """How to exchange the names of e and x, of which one may follow from the other."""
     places = {name: recording.origin.get(name, name) for name in ("e", "x")}
-    for name, other in (("e", "x"), ("x", "e")):
+    for name, other in (("x", "e"), ("e", "x")):
         if places[name] == f"ft - {other}":
-            if places[other] == other:
-                return f"name the column {other} {name} in the file"
-            return f"map that column to {name} alone: --map {name}={places[other]}"
+            return f"name the column {places[other]} {name} in the file"
     return f"correct the names with --map e={places['x']},x={places['e']}"
-
-
-def _flip(recording: Recording, name: str) -> str:
-    return f"flip it with --map {recording.flipped(name)}"
 
 
 def _rms(signal: FloatArray) -> float:
     return float(np.sqrt(np.mean(signal**2)))
-
-
-def _centred(signal: FloatArray) -> FloatArray:
-    return np.asarray(signal - signal.mean(axis=1, keepdims=True))
 
 
 #: Units, names and signs, by e = ft - x and by x as the answer to u and fd.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from hashlib import sha256
 from itertools import pairwise, permutations
@@ -18,10 +18,8 @@ import numpy as np
 
 from pilotid.checks.element_forms import (
     fits_of,
-    forms_fitted,
     simplest,
     spectra_in_window,
-    spectra_of,
 )
 from pilotid.checks.timing import (
     Answered,
@@ -35,12 +33,10 @@ from pilotid.model.element import parsed_element
 from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT, RECORDER
 from pilotid.support.remarks import GRADES, Grade, Remark
-from pilotid.support.types import ComplexArray, FloatArray
+from pilotid.support.types import FloatArray
 
 LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
 FEWEST = 10  # bins of all runs in a band, of which its level is told
-OTHERWISE = "e = ft - x does not hold otherwise"
-MOVES = "x would not be their answer otherwise"
 
 
 @dataclass(frozen=True)
@@ -107,6 +103,8 @@ class _Look:
         self.recording, self.dt = recording, recording.dt
         every = {name: recording.window(recording.input(name)) for name in recording.signals}
         self.signals = {name: s for name, s in every.items() if np.any(np.diff(s, axis=1))}
+        names = ("e", "u", "x", *recording.extra)
+        self.answers = {name: self.signals[name] for name in names if name in self.signals}
 
     @property
     def drive(self) -> FloatArray:
@@ -123,7 +121,10 @@ class _Look:
         for which, name in enumerate(("u", "x")):
             if name not in self.signals:
                 continue
-            power = np.mean(np.abs(_transform(self.signals[name])) ** 2, axis=0)
+            signal = self.signals[name] - self.signals[name].mean(axis=1, keepdims=True)
+            # The side lobes of a window cos^4 fall by 30 dB an octave.
+            transform = np.fft.rfft(signal * np.hanning(signal.shape[1]) ** 2)
+            power = np.mean(np.abs(transform) ** 2, axis=0)
             middle = np.array([np.median(power[begin:end]) for begin, end in bands])
             level = 10.0 * np.log10(middle + 1e-300)
             slope, at = level[3:] - level[:-3], hertz[:-3]
@@ -145,36 +146,28 @@ class _Look:
             if np.max(out) > RECORDER.lines[0] or np.max(out[steepest + 3 :]) > RECORDER.lines[1]:
                 continue
             words = (
-                f"{name} is usable up to {usable:.2g} Hz: a low-pass filter or an interpolation "
-                "begins there; fits end there, and record without it, or with the same causal "
-                "filter on all signals"
+                "a low-pass filter or an interpolation begins there; fits end there, and record "
+                "without it, or with the same causal filter on all signals"
             )
-            grade: Grade = "note" if usable >= RECORDER.enough else "doubt"
-            yield Finding("low-pass", name, grade, usable, "Hz", words, usable)
+            yield _band_ends("low-pass", name, usable, usable, words)
 
     def grids(self) -> Iterator[Finding]:
         """Signals resampled from a lower rate: every k-th difference is small."""
-        for name in ("e", "u", "x", *self.recording.extra):
-            if name not in self.signals:
-                continue
-            score, step, order = _grid(self.signals[name])
-            if score <= RECORDER.grid or not step:
-                continue
-            rate, usable = 1.0 / (step * self.dt), 0.25 / (step * self.dt)
-            how = {1: "held", 2: "linearly interpolated", 4: "interpolated by cubics"}[order]
-            words = (
-                f"{name} is usable up to {usable:.2g} Hz: it was recorded at {rate:.3g} Hz and "
-                f"{how} between; give the samples as they were recorded"
-            )
-            grade: Grade = "note" if usable >= RECORDER.enough else "doubt"
-            yield Finding("resampled", name, grade, rate, "Hz", words, usable)
+        for name, signal in self.answers.items():
+            score, step, order = _grid(signal)
+            if score > RECORDER.grid and step:
+                rate = 1.0 / (step * self.dt)
+                how = {1: "held", 2: "linearly interpolated", 4: "interpolated by cubics"}[order]
+                words = (
+                    f"it was recorded at {rate:.3g} Hz and {how} between; give the samples as they "
+                    "were recorded"
+                )
+                yield _band_ends("resampled", name, rate, 0.25 / (step * self.dt), words)
 
     def steps(self) -> Iterator[Finding]:
         """Rounding, by a converter or by the decimals of a text file."""
-        for name in ("e", "u", "x", *self.recording.extra):
-            if name not in self.signals:
-                continue
-            step, rms = step_of(self.signals[name]), float(np.std(self.signals[name]))
+        for name, signal in self.answers.items():
+            step, rms = step_of(signal), float(np.std(signal))
             if step > RECORDER.coarse * rms:
                 words = (
                     f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms: small "
@@ -184,14 +177,6 @@ class _Look:
                 unit = self.recording.units.get(name, "")
                 yield Finding("rounded", name, "doubt", step, unit, words)
 
-    @property
-    def _apart(self) -> float:
-        """Root mean square of e - (ft - x) over that of e; 0 where it cannot be told."""
-        if not {"x", "ft"} <= set(self.signals):
-            return 0.0
-        e, x, ft = (self.signals[n] for n in ("e", "x", "ft"))
-        return float(np.std(e - ft + x) / np.std(e))
-
     def lost(self, found: Sequence[Finding]) -> Iterator[Finding]:
         """Samples of x lost, repeated or spiked: x cannot be told from its past and its drive."""
         forced = [self.signals[n] for n in ("ft", "fd") if n in self.signals]
@@ -199,35 +184,34 @@ class _Look:
             return
         if any(f.signal == "x" and f.code == "resampled" for f in found):
             return
-        ratio, share, count, run, sample = _outliers(self.signals["x"], self.drive)
+        x = self.signals["x"]
+        ratio, share, count, run, sample = _outliers(x, self.drive)
         # What stands still between steps of a converter is told without error.
-        rms = float(np.std(self.signals["x"]))
-        least = max(
-            RECORDER.outlier[1], RECORDER.converter_steps * step_of(self.signals["x"]) / rms
-        )
-        if ratio > RECORDER.outlier[0] and share > least:
-            at = sample * self.dt
-            if any(_begins_again(signal, sample) for signal in forced):
-                words = (
-                    f"x jumps at t = {at:.4g} s, where the forcing functions begin again: several "
-                    f"runs follow one another as one; give each a column, or take one of them, for "
-                    f"example with --span 0:{at:.6g}"
-                )
-                yield Finding("appended-runs", "x", "wrong", at, "s", words)
-                return
+        by_steps = RECORDER.converter_steps * step_of(x) / float(np.std(x))
+        if ratio <= RECORDER.outlier[0] or share <= max(RECORDER.outlier[1], by_steps):
+            return
+        at = sample * self.dt
+        if any(_begins_again(signal, sample) for signal in forced):
             words = (
-                f"x jumps at {count} samples, first at t = {at:.4g} s of run "
-                f"{run + 1}, by up to {100.0 * share:.2g} % of its rms where u + fd do not: "
-                "samples are lost or spiked; leave these parts out"
+                f"x jumps at t = {at:.4g} s, where the forcing functions begin again: several runs "
+                "follow one another as one; give each a column, or take one of them, for example "
+                f"with --span 0:{at:.6g}"
             )
-            yield Finding("lost-samples", "x", "wrong", float(count), "samples", words)
+            yield Finding("appended-runs", "x", "wrong", at, "s", words)
+            return
+        words = (
+            f"x jumps at {count} samples, first at t = {at:.4g} s of run {run + 1}, by up to "
+            f"{100.0 * share:.2g} % of its rms where u + fd do not: samples are lost or spiked; "
+            "leave these parts out"
+        )
+        yield Finding("lost-samples", "x", "wrong", float(count), "samples", words)
 
     def identity(self) -> Iterator[Finding]:
         """E = ft - x: how much later than in e target and output are recorded."""
         if not {"x", "ft"} <= set(self.signals) or _is_stepped(self.signals["ft"]):
             return
         e, x, ft = (self.signals[n] for n in ("e", "x", "ft"))
-        if self._apart < RECORDER.own:
+        if np.std(e - ft + x) < RECORDER.own * np.std(e):
             return
         every = max(1, round(0.045 / self.dt))
         (error,), (output, rate), (target, speed) = (
@@ -242,22 +226,22 @@ class _Look:
         least = np.maximum(RECORDER.errors * errors[2:4], RECORDER.identity * self.dt)
         late = -values[2:4] / values[:2]
         if np.all(np.abs(late) > least) and abs(late[0] - late[1]) <= least.max():
-            yield _late("e", "ft - x", -float(late.mean()), self.dt, OTHERWISE)
+            yield _late("e", "ft - x", -float(late.mean()), self.dt)
             return
         for name, own, limit in zip(("ft", "x"), late.tolist(), least.tolist(), strict=True):
             if abs(own) > limit:
-                yield _late(name, "e", own, self.dt, OTHERWISE)
+                yield _late(name, "e", own, self.dt)
 
-    def times(self, found: Sequence[Finding]) -> Iterator[Finding]:
+    def times(self, found: Sequence[Finding]) -> list[Finding]:
         """Times of u, fd and x against one another, and what the drive holds of fd."""
         if "x" not in self.signals:
-            return
-        late = list(self._against_forcing(found))
-        yield from late
+            return []
+        late = list(self._against_forcing())
         if not any(f.code == "late-signal" for f in (*late, *found)):
-            yield from self._against_element()
+            late += self._against_element()
+        return late
 
-    def _against_forcing(self, found: Sequence[Finding]) -> Iterator[Finding]:
+    def _against_forcing(self) -> Iterator[Finding]:
         """Times and gains of u and fd against one another, whatever the element is."""
         if "fd" not in self.signals or _is_stepped(self.signals["fd"]):
             return
@@ -269,11 +253,12 @@ class _Look:
         least = max(RECORDER.errors * best.error, RECORDER.apart[0] * self.dt, RECORDER.apart[1])
         if best.error < RECORDER.told and abs(best.late) > least + biased:
             # Where x answers to the two before fd moves, fd is late and u is not.
-            answer = self._answer(best.late) if best.late < 0.0 else None
+            moved = shifted(self.recording.u, self.dt, best.late)
+            answer = _answer(replace(self.recording, u=moved)) if best.late < 0.0 else None
             if answer and abs(answer.late - best.late) < abs(answer.late):
-                yield _late("fd", "u", -best.late, self.dt, MOVES)
+                yield _late("fd", "u", -best.late, self.dt)
             else:
-                yield _late("u", "fd", best.late, self.dt, MOVES)
+                yield _late("u", "fd", best.late, self.dt)
         off = abs(best.share - 1.0)
         least = RECORDER.errors * best.share_error
         if (
@@ -285,42 +270,20 @@ class _Look:
                 words = "u includes fd: x is the answer to u alone; subtract fd from u"
                 yield Finding("includes-fd", "u", "wrong", best.share, "", words)
                 return
-            factor, why = (
-                float(f"{best.share:.3g}"),
-                "the gain of fd, or that of u, is not as recorded",
-            )
-            for ratio, unit in ((180.0 / math.pi, "radians"), (math.pi / 180.0, "degrees")):
-                if abs(best.share / ratio - 1.0) <= RECORDER.unit:
-                    factor, why = ratio, f"fd is in {unit} and u is not"
+            factor, unit = unit_conversion(best.share)
+            why = f"is in {unit} and u is not" if unit else "or u has another gain than recorded"
             words = (
-                f"x answers to u {best.share:+.3g} fd: {why}; "
+                f"x answers to u {best.share:+.3g} fd: fd {why}; "
                 f"use --map {self.recording.scaled('fd', factor)}"
             )
             yield Finding("gain-differs", "u", "doubt", best.share, "", words)
-
-    def _answer(self, moved: float = 0.0) -> Answered | None:
-        """How much later x answers than its element says, to u taken so much earlier, and fd."""
-        element = parsed_element(self.recording.controlled_element)
-        if moved:
-            own = self.signals["u"]
-            drive = self.drive - own + shifted(own, self.dt, moved)
-            spectra = spectra_of(self.dt, drive, self.signals["x"])
-        else:
-            spectra = spectra_in_window(self.recording)
-        if element is not None:
-            return answered(spectra, element)
-        fits = forms_fitted(spectra, self.dt) if moved else fits_of(self.recording)
-        best = simplest(fits) if fits else None
-        if best is None or best.explained < ELEMENT.sound:
-            return None
-        return Answered(float(best.values[-1]), math.sqrt(best.covariance[-1, -1]))
 
     def _against_element(self) -> Iterator[Finding]:
         """X against the answer of the element that the recording names, or else shows.
 
         What it shows tells nothing of an x that is late: the element may have that delay.
         """
-        answer, named = self._answer(), parsed_element(self.recording.controlled_element)
+        answer, named = _answer(self.recording), parsed_element(self.recording.controlled_element)
         if answer is None or not answer.error < RECORDER.told:
             return
         late, u = answer.late, self.signals["u"]
@@ -329,7 +292,7 @@ class _Look:
             RECORDER.errors * answer.error, RECORDER.answer[0] * self.dt, RECORDER.answer[1]
         )
         if named is None and late < -least:
-            yield _late("u", "x", -late, self.dt, "x would answer before it moves otherwise")
+            yield _late("u", "x", -late, self.dt)
         if named is not None and abs(late) > least:
             words = (
                 f"x answers {1e3 * abs(late):.3g} ms {'later' if late > 0 else 'earlier'} than the "
@@ -350,20 +313,32 @@ class _Look:
                 yield Finding("copied-run", "u", "wrong", 1.0, "", words)
 
 
-def _late(name: str, other: str, late: float, dt: float, why: str) -> Finding:
+def _band_ends(code: str, name: str, size: float, usable: float, why: str) -> Finding:
+    grade: Grade = "note" if usable >= RECORDER.enough else "doubt"
+    words = f"{name} is usable up to {usable:.2g} Hz: {why}"
+    return Finding(code, name, grade, size, "Hz", words, usable)
+
+
+def _late(name: str, other: str, late: float, dt: float) -> Finding:
     word, by = ("late", "earlier") if late > 0 else ("early", "later")
     words = (
-        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other} ({abs(late) / dt:.2g} samples)"
-        f": {why}; take {name} so much {by}, since delays are wrong by as much"
+        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other} ({abs(late) / dt:.2g} samples):"
+        f" take {name} so much {by}, since delays are wrong by as much"
     )
-    return Finding(
-        "late-signal",
-        name,
-        "doubt" if name in ("ft", "fd") else "wrong",
-        late,
-        "s",
-        words,
-    )
+    grade: Grade = "doubt" if name in ("ft", "fd") else "wrong"
+    return Finding("late-signal", name, grade, late, "s", words)
+
+
+def _answer(recording: Recording) -> Answered | None:
+    """How much later x answers to u and fd than the element says that is named, or else shows."""
+    element = parsed_element(recording.controlled_element)
+    if element is not None:
+        return answered(spectra_in_window(recording), element)
+    fits = fits_of(recording)
+    best = simplest(fits) if fits else None
+    if best is None or best.explained < ELEMENT.sound:
+        return None
+    return Answered(float(best.values[-1]), math.sqrt(best.covariance[-1, -1]))
 
 
 @lru_cache
@@ -373,12 +348,6 @@ def _bands(samples: int, dt: float) -> tuple[tuple[int, int], ...]:
     edges = np.geomspace(LOWEST, top, max(2, int(PER_OCTAVE * math.log2(top / LOWEST)) + 1))
     bins = np.unique(np.ceil(edges * samples * dt).astype(int)).tolist()
     return tuple((a, b) for a, b in pairwise(bins) if b - a >= 5)
-
-
-def _transform(signals: FloatArray) -> ComplexArray:
-    """Transforms behind a window cos^4, whose side lobes fall by 30 dB an octave."""
-    centred = signals - signals.mean(axis=1, keepdims=True)
-    return np.asarray(np.fft.rfft(centred * np.hanning(signals.shape[1]) ** 2))
 
 
 def _is_stepped(signal: FloatArray) -> bool:
@@ -424,7 +393,12 @@ def step_of(signal: FloatArray) -> float:
     return step if near.size > 10 and float(np.std(near - np.round(near))) < 0.1 else 0.0
 
 
-BLOCK = 2**17  # samples that are looked at together: a long recording takes little memory
+def unit_conversion(factor: float) -> tuple[float, str]:
+    """What a signal must be multiplied with, and the unit that it is in, empty if it is unknown."""
+    for exact, unit in ((math.degrees(1.0), "radians"), (math.radians(1.0), "degrees")):
+        if abs(factor / exact - 1.0) <= RECORDER.unit:
+            return exact, unit
+    return float(f"{factor:.3g}"), ""
 
 
 def _outliers(
@@ -435,45 +409,25 @@ def _outliers(
     Then how many stand out, and run and sample of the first.  Differences take the place of past
     values, which are all but equal.
     """
-    scale, count = float(np.std(output)) or 1.0, output.shape[1] - order
-
-    @lru_cache(maxsize=1)  # most recordings have one block
-    def block(begin: int) -> tuple[FloatArray, FloatArray]:
-        """What is known a sample before, and x_t less its past: the highest difference."""
-        end = min(begin + BLOCK, count)
-        past, difference = [], output[:, begin : end + order] / scale
-        for _ in range(order):
-            past.append(difference)
-            difference = np.diff(difference, axis=1)
-        size = difference.shape[1]
-        columns = [p[:, order - 1 - i : order - 1 - i + size] for i, p in enumerate(past)]
-        columns += [drive[:, begin + order - i : end + order - i] for i in range(4)]
-        return np.stack([c.ravel() for c in columns], axis=1), difference.ravel()
-
-    begins = range(0, count, BLOCK)
-    squares = sum(np.sum(block(begin)[0] ** 2, axis=0) for begin in begins)
-    unit = np.sqrt(squares / (len(output) * count)) + 1e-300
-    error = np.zeros((len(output), count))
-    kept = np.ones_like(error, dtype=bool)
+    past = [output / (float(np.std(output)) or 1.0)]
+    for _ in range(order):
+        past.append(np.diff(past[-1], axis=1))
+    wanted = past.pop()
+    count = wanted.shape[1]
+    columns = [p[:, order - 1 - i : order - 1 - i + count] for i, p in enumerate(past)]
+    columns += [drive[:, order - i : order - i + count] for i in range(4)]
+    table = np.stack([c.ravel() for c in columns], axis=1)
+    table /= np.sqrt(np.mean(table**2, axis=0)) + 1e-300
+    kept = np.ones(len(table), dtype=bool)
     for _ in range(3):
-        gram, goal = np.zeros((len(unit), len(unit))), np.zeros(len(unit))
-        for begin in begins:
-            table, wanted = block(begin)
-            scaled = table / unit
-            part = scaled * kept[:, begin : begin + BLOCK].reshape(-1, 1)
-            gram += part.T @ scaled
-            goal += part.T @ wanted
-        values = np.linalg.lstsq(gram, goal, rcond=1e-13)[0] / unit
-        for begin in begins:
-            table, wanted = block(begin)
-            left = np.abs(wanted - table @ values)
-            error[:, begin : begin + BLOCK] = left.reshape(len(output), -1)
+        some = table * kept[:, None]
+        values = np.linalg.lstsq(some.T @ table, some.T @ wanted.ravel(), rcond=1e-13)[0]
+        error = np.abs(wanted.ravel() - table @ values)
         usual = float(np.median(error)) / 0.6745 + 1e-13
         kept = error < 6.0 * usual
     far = np.flatnonzero(error > max(RECORDER.outlier[0] * usual, RECORDER.outlier[1]))
-    first = int(far[0]) if far.size else 0
     events = int(np.count_nonzero(np.diff(far, prepend=-order - 1) > order))
-    run, sample = divmod(first, count)
+    run, sample = divmod(int(far[0]) if far.size else 0, count)
     return float(error.max()) / usual, float(error.max()), events, run, sample + order
 
 

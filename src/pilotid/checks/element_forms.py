@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 
 import numpy as np
 
-from pilotid.model.element import ControlledElement
+from pilotid.model.element import ControlledElement, element_named
 from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
 from pilotid.support.types import ComplexArray, FloatArray, IntArray
 
-LONG = 9  # decimals, or zeros, that are written out
+DIGITS = 9  # decimals, or zeros, that are written out
 DIFFERENCE = 1e-7  # relative step of the differences
 
 
@@ -41,12 +42,10 @@ class Form:
     zero: bool = False
 
     @property
-    def units(self) -> dict[str, str]:
-        """Parameters, the delay last, and their units but for that of the gain."""
-        zero, lags = {"z": "rad/s"} if self.zero else {}, {"b": "rad/s"} if self.lags else {}
-        powers = ["rad/s", *(f"rad^{n}/s^{n}" for n in range(2, self.free + 1))][: self.free]
-        free = {f"a{n}" if self.free > 1 else "a": unit for n, unit in enumerate(powers, 1)}
-        return {"K": "", **zero, **free, **lags, "delay": "s"}
+    def keys(self) -> list[str]:
+        """Names of the parameters, the delay last."""
+        free = [f"a{n}" for n in range(1, self.free + 1)]
+        return ["K", *["z"] * self.zero, *free, *["b"] * self.lags, "delay"]
 
     def polynomials(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Numerator and denominator, highest power first."""
@@ -83,27 +82,18 @@ class Form:
             Decimals of each, negative for zeros before the point.
         """
         numbers = [_number(v, d) for v, d in zip(values.tolist(), digits, strict=True)]
-        rounded = np.array([float(n) for n in numbers])
-        shown = dict(zip(self.units, numbers, strict=True))
-        top, bottom = self.polynomials(rounded)
-        return ControlledElement(
-            tuple(top.tolist()), tuple(bottom.tolist()), float(rounded[-1]), self._name(shown)
-        )
+        return element_named(self._name(dict(zip(self.keys, numbers, strict=True))))
 
     def _name(self, shown: dict[str, str]) -> str:
         delay, powers = shown["delay"], [f"s^{n}" if n > 1 else "s" * n for n in range(6)]
         top = shown["K"] + (f"(s{_signed(shown['z'])})" if self.zero else "")
         top += f"exp(-{delay}s)" if float(delay) else ""
-        keys = [key for key in self.units if key.startswith("a")]
-        terms = [_signed(shown[k]) + powers[self.free - n] for n, k in enumerate(keys, 1)]
+        terms = [_signed(shown[f"a{n}"]) + powers[self.free - n] for n in range(1, self.free + 1)]
         free = f"({powers[self.free]}{''.join(terms)})" if self.free else ""
         lags = f"(1+s/{shown['b']})^2" if self.lags else ""
         bottom = powers[self.integrators] + free + lags
         alone = bottom in ("", powers[self.integrators], free)
         return top + (bottom and f"/{bottom}" if alone else f"/({bottom})")
-
-    def __str__(self) -> str:
-        return self._name({**{key: key for key in self.units}, "delay": "0"})
 
 
 def differences(
@@ -116,7 +106,7 @@ def differences(
 
 def _number(value: float, decimals: int) -> str:
     """A number with so many decimals, an exponent where it would be long."""
-    if not -LONG <= decimals <= LONG:
+    if not -DIGITS <= decimals <= DIGITS:
         return f"{value:.6g}"
     text = f"{round(value, decimals):.{max(decimals, 0)}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
@@ -141,12 +131,12 @@ FORMS = (
 UNNOTICED = 5e-3
 NOISY = 0.05  # share of x in a band that nothing explains, from which v or x is noisy there
 BANDS = 8  # of frequency, each with a level of noise of its own
-FEWEST = 10.0  # independent observations from which a level of noise is told
+OBSERVATIONS = 10.0  # independent observations from which a level of noise is told
 ITERATIONS = 25
-ENOUGH = 0.03  # of -2 log-likelihood that the last step gains
-LONGEST = 0.6  # s, of a delay
-EARLIEST = -0.15  # s: x may be stored that much ahead of u
-LATE = 0.05  # s, of a delay that a search from none may miss with a simpler form
+LAST_GAIN = 0.03  # of -2 log-likelihood that the last step gains
+LONGEST_DELAY = 0.6  # s, of a delay
+EARLIEST_DELAY = -0.15  # s: x may be stored that much ahead of u
+SHORT_DELAY = 0.05  # s, of a delay that a search from none may miss with a simpler form
 #: The window sin^4(pi t/T) as a sum of cosines cos(2 pi k t/T): its derivatives up to the third
 #: vanish at the ends, enough for equations of order 4.
 COSINES = (3.0 / 8.0, -1.0 / 2.0, 1.0 / 8.0)
@@ -154,12 +144,12 @@ HIGHEST = 4  # derivative of the output
 HIGHEST_FREQUENCY = 25.0  # rad/s; pilots leave next to nothing above
 TAYLOR = 3  # order to which the window is expanded for a delay
 #: Of so many bins one is used: those between are nearly their sum.
-EACH = 2
+BIN_STEP = 2
 #: Independent observations per bin used: the window makes neighbours alike,
 #: (mean of w^2)^2 / mean of w^4 for each bin.
-INDEPENDENT = EACH * (35.0 / 128.0) ** 2 / (6435.0 / 32768.0)
+INDEPENDENT = BIN_STEP * (35.0 / 128.0) ** 2 / (6435.0 / 32768.0)
 #: A constant offset reaches the bins below.
-FIRST = len(COSINES)
+FIRST_BIN = len(COSINES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +159,7 @@ class FormFit:
     Attributes
     ----------
     form, values
-        Parameters in the order of `Form.units`.
+        Parameters in the order of `Form.keys`.
     covariance
         Of the values.
     criterion
@@ -247,7 +237,7 @@ class Spectra:
     @cached_property
     def wide(self) -> IntArray:
         """The same with enough observations in each to tell a level of noise."""
-        return self._bands(FEWEST / INDEPENDENT)
+        return self._bands(OBSERVATIONS / INDEPENDENT)
 
     def _bands(self, fewest: float) -> IntArray:
         edges: list[float] = []
@@ -329,7 +319,7 @@ def _start(spectra: Spectra, form: Form, delay: float) -> FloatArray:
     return np.concatenate([*parts, [delay]])
 
 
-def fitted_form(spectra: Spectra, form: Form, dt: float, delay: float = 0.0) -> FormFit | None:
+def fitted_form(spectra: Spectra, form: Form, delay: float = 0.0) -> FormFit:
     """The most likely parameters of a form, by damped Gauss-Newton steps.
 
     Levels of the noise follow the residual from step to step, which makes the least of the
@@ -339,23 +329,15 @@ def fitted_form(spectra: Spectra, form: Form, dt: float, delay: float = 0.0) -> 
     ----------
     spectra, form
         What is fitted to what.
-    dt
-        Sampling interval [s].
     delay
         From which the search starts [s].
 
-    Returns
-    -------
-    None where the form's numbers are beyond measure: it is no form for the recording.
+    Raises
+    ------
+    LinAlgError
+        If the form's numbers are beyond measure: it is no form for the recording.
     """
-    with np.errstate(all="ignore"):
-        try:
-            return _searched(spectra, form, dt, delay)
-        except np.linalg.LinAlgError:
-            return None
 
-
-def _searched(spectra: Spectra, form: Form, dt: float, delay: float) -> FormFit | None:
     def normal(level: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Gradient and information of half the weighted sum of squares at unit scale, and scale."""
         jacobian = differences(lambda v: spectra.residual(form, v), values, residual)
@@ -373,7 +355,7 @@ def _searched(spectra: Spectra, form: Form, dt: float, delay: float) -> FormFit 
         while damping < 1e4:
             step = np.linalg.solve(matrix + damping * np.eye(len(values)), gradient)
             trial = values - step / scale
-            trial[-1] = np.clip(trial[-1], EARLIEST, LONGEST)
+            trial[-1] = np.clip(trial[-1], EARLIEST_DELAY, LONGEST_DELAY)
             there = spectra.residual(form, trial)
             own = spectra.level(there)
             gain = spectra.cost(level) - spectra.cost(own)
@@ -382,17 +364,16 @@ def _searched(spectra: Spectra, form: Form, dt: float, delay: float) -> FormFit 
                 damping = max(0.1 * damping, 1e-10)
                 break
             damping *= 10.0
-        if not gain > ENOUGH:
+        if not gain > LAST_GAIN:
             break
     # What counts as exact is no noise that averages out over a band: its error is one.
     _, matrix, scale = normal(spectra.level(residual, spectra.count))
     left = power(residual, spectra.fine)
     covariance = np.linalg.inv(matrix) / np.outer(scale, scale) / (2.0 * INDEPENDENT)
     criterion = spectra.cost(level) + len(values) * float(np.log(2.0 * spectra.count.sum()))
-    if form.lags and values[-2] <= 0.0:
-        return None
-    if not (np.isfinite([criterion, *values]).all() and (np.diag(covariance) > 0.0).all()):
-        return None
+    finite = np.isfinite([criterion, *values]).all() and (np.diag(covariance) > 0.0).all()
+    if not finite or (form.lags and values[-2] <= 0.0):
+        raise np.linalg.LinAlgError
     unit = np.array([spectra.gain, *np.ones(len(values) - 1)])
     share = (spectra.count @ left) / (spectra.count @ spectra.size)
     return FormFit(
@@ -417,7 +398,7 @@ def windowed(signal: FloatArray, dt: float, order: int, bins: IntArray) -> Compl
     order
         Highest derivative of the window.
     bins
-        Multiples of 2 pi / T that are wanted, from `FIRST` on.
+        Multiples of 2 pi / T that are wanted, from `FIRST_BIN` on.
 
     Returns
     -------
@@ -436,9 +417,7 @@ def windowed(signal: FloatArray, dt: float, order: int, bins: IntArray) -> Compl
     return result
 
 
-def spectra_of(
-    dt: float, given: FloatArray, output: FloatArray, highest: float = HIGHEST_FREQUENCY
-) -> Spectra:
+def spectra_of(dt: float, given: FloatArray, output: FloatArray) -> Spectra:
     """Windowed spectra of a recording.
 
     Parameters
@@ -447,14 +426,12 @@ def spectra_of(
         Sampling interval [s].
     given, output
         v and x, shape (runs, samples).
-    highest
-        Highest frequency [rad/s].
     """
     runs, samples = output.shape
     # Of unit size, so that no unit is too large or too small to reckon with.
     size, answer = (float(np.std(signal)) or 1.0 for signal in (given, output))
-    last = min(int(highest * samples * dt / (2.0 * np.pi)), int(0.4 * samples))
-    bins = np.arange(FIRST, last + 1, EACH)
+    last = min(int(HIGHEST_FREQUENCY * samples * dt / (2.0 * np.pi)), int(0.4 * samples))
+    bins = np.arange(FIRST_BIN, last + 1, BIN_STEP)
     omega = np.tile(2.0 * np.pi * bins / (samples * dt), runs)
     bare = windowed(output / answer, dt, HIGHEST, bins).reshape(HIGHEST + 1, -1)
     late = windowed(given / size, dt, 1 + TAYLOR, bins).reshape(2 + TAYLOR, -1)
@@ -464,40 +441,38 @@ def spectra_of(
     )
 
 
-def forms_fitted(spectra: Spectra, dt: float) -> list[FormFit]:
+def forms_fitted(spectra: Spectra) -> list[FormFit]:
     """Forms from the simplest on, up to where one describes the recording.
 
     Noise in v, such as fast remnant that sampling folds down, makes the response smaller by the
     share of x that nothing explains.
     """
-    fits = _pass(spectra, dt, FORMS)
+    fits = _pass(spectra, FORMS)
     if not fits:
         return []
     best = simplest(fits)
     doubtful = np.where(best.unexplained > NOISY, best.unexplained, 0.0)
     noisy = doubtful.any() and best.explained >= ELEMENT.sound
     if noisy and not np.any(spectra.doubtful):
-        return forms_fitted(replace(spectra, doubtful=doubtful), dt)
-    if best.values[-1] > LATE:
-        simpler = [form for form in FORMS if _size(form) < _size(best.form)]
-        fits += _pass(spectra, dt, simpler, float(best.values[-1]))
+        return forms_fitted(replace(spectra, doubtful=doubtful))
+    if best.values[-1] > SHORT_DELAY:
+        simpler = [form for form in FORMS if len(form.keys) < len(best.form.keys)]
+        fits += _pass(spectra, simpler, float(best.values[-1]))
     # Of each form the best.
     fits.sort(key=lambda fit: fit.criterion)
     return list({fit.form: fit for fit in reversed(fits)}.values())
 
 
-def _pass(spectra: Spectra, dt: float, forms: Sequence[Form], delay: float = 0.0) -> list[FormFit]:
+def _pass(spectra: Spectra, forms: Sequence[Form], delay: float = 0.0) -> list[FormFit]:
     fits: list[FormFit] = []
-    for _, alike in groupby(sorted(forms, key=_size), key=_size):
-        found = (fitted_form(spectra, form, dt, delay) for form in alike)
-        fits += [fit for fit in found if fit is not None]
+    by_size = sorted(forms, key=lambda form: len(form.keys))
+    for _, alike in groupby(by_size, key=lambda form: len(form.keys)):
+        for form in alike:
+            with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
+                fits.append(fitted_form(spectra, form, delay))
         if any(fit.unexplained.max() <= UNNOTICED**2 for fit in fits):
             break
     return fits
-
-
-def _size(form: Form) -> int:
-    return len(form.units)
 
 
 def simplest(fits: Sequence[FormFit]) -> FormFit:
@@ -518,4 +493,4 @@ def spectra_in_window(recording: Recording) -> Spectra:
 @remembered
 def fits_of(recording: Recording) -> tuple[FormFit, ...]:
     """The forms fitted to the measurement window of a recording."""
-    return tuple(forms_fitted(spectra_in_window(recording), recording.dt))
+    return tuple(forms_fitted(spectra_in_window(recording)))

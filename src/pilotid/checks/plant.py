@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pilotid.recording.recording import Recording, remembered, unit_sized
+from pilotid.recording.recording import Recording, remembered
 from pilotid.recording.spectra import at_lines, target_lines
 from pilotid.support.limits import ELEMENT
 from pilotid.support.remarks import Remark
@@ -72,13 +72,13 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
     run
         One of its runs alone; None for all.
     """
-    recording = unit_sized(recording)
     rows = slice(None) if run is None else slice(run, run + 1)
-    spectra = {name: spectrum[rows] for name, spectrum in _spectra(recording).items()}
-    disturbance = spectra.get("fd", 0.0)
+    output, control = (_spectrum(recording, signal[rows]) for signal in (recording.x, recording.u))
+    forcing = None if recording.fd is None else _spectrum(recording, recording.fd[rows])
     found = []
-    for sign in (1.0, -1.0) if "fd" in spectra else (1.0,):
-        plant = _answer(spectra["x"], sign * spectra["u"] + disturbance, recording.duration)
+    for sign in (1.0,) if forcing is None else (1.0, -1.0):
+        drive = control if forcing is None else sign * control + forcing
+        plant = _answer(output, drive, recording.duration)
         if plant is None:
             return None
         if recording.fd is None:
@@ -88,18 +88,6 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
             polarity = _polarity(plant.omega[good], plant.response[good])
         found.append(replace(plant, polarity=polarity, opposed=sign < 0.0))
     return max(found, key=lambda plant: plant.mean_coherence - ELEMENT.clearly * plant.opposed)
-
-
-@remembered
-def _spectra(recording: Recording) -> dict[str, ComplexArray]:
-    """Transforms of control, output and disturbance, as far as the bands reach."""
-    end = 2 + int(HIGHEST * recording.duration / (2.0 * np.pi))
-    signals = {"u": recording.u, "x": recording.x, "fd": recording.fd}
-    return {
-        name: _spectrum(recording, signal)[:, :end].copy()
-        for name, signal in signals.items()
-        if signal is not None
-    }
 
 
 @lru_cache
@@ -176,11 +164,6 @@ def opposed(recording: Recording) -> Remark | None:
     first, names = next(iter(wrong.items()))
     some = len(wrong) < len(told)  # others are told to be right
     where = f" in run {first + 1}" if some and first is not None else ""
-    because = {
-        ("u",): "x answers to -u" if recording.fd is None else "x answers to fd - u",
-        ("fd",): "x answers to u - fd",
-        ("u", "fd"): "x answers to -u - fd",
-    }[names]
     remedy = (
         "turn it round in the file, or leave that run out with --runs"
         if where
@@ -188,9 +171,8 @@ def opposed(recording: Recording) -> Remark | None:
     )
     return Remark(
         "wrong-sign",
-        f"{' and '.join(names)} {'have' if len(names) > 1 else 'has'} the wrong sign{where}: "
-        f"{because}, so that the pilot's gain is negative, unless the controlled element's is; "
-        f"{remedy}",
+        f"{' and '.join(names)} {'have' if len(names) > 1 else 'has'} the wrong sign{where}: the "
+        f"pilot's gain is negative, unless the controlled element's is; {remedy}",
     )
 
 
@@ -222,11 +204,14 @@ def element_changes(recording: Recording) -> Remark | None:
     """An element that is another one in the second half of the recording than in the first."""
     half = recording.samples // 2
     drive = recording.u if recording.fd is None else recording.u + recording.fd
-    parts = [
-        [_spectrum(recording, signal, part) for signal in (recording.x, drive)]
+    first, second = (
+        _answer(
+            _spectrum(recording, recording.x, part),
+            _spectrum(recording, drive, part),
+            half * recording.dt,
+        )
         for part in (slice(half), slice(-half, None))
-    ]
-    first, second = (_answer(x, u, half * recording.dt) for x, u in parts)
+    )
     if first is None or second is None:
         return None
     good = np.minimum(first.coherence, second.coherence) >= ELEMENT.coherent

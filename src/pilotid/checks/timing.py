@@ -145,29 +145,18 @@ class Relation:
 
     def best(self) -> Best:
         """The relation with the least left, of all shifts if without them much is."""
-        found = self._near((0, 0))
-        if found.left <= MUCH:
-            return found
-        samples = round(self.SMALL / self.dt)
-        small = range(-samples, samples + 1, max(1, samples // 10))
+        best = self._near((0, 0))
+        if best.left <= MUCH:
+            return best
+        small, step = round(self.SMALL / self.dt), max(1, round(self.STEP / self.dt))
+        fine = range(-small, small + 1, max(1, small // 10))
+        coarse = range(-(self.reach // step) * step, self.reach, step)
+        most = round(self.OUTPUT / self.dt)
         # x goes with fd if u is late, and with u if fd is.
-        tried = [(own, other) for own in small for other in dict.fromkeys((0, own))]
+        grid = sorted({*fine, *coarse})
+        tried = [(own, other) for own in grid for other in {0, own} if abs(other) <= most]
         shifts = min(tried, key=lambda pair: self._at(pair, 1)[2])
-        found = min(found, self._near(shifts), key=lambda best: best.left)
-        if found.left <= MUCH:
-            return found
-        shifts, left = (0, 0), self._at((0, 0), 1)[2]
-        step = max(1, round(self.STEP / self.dt))
-        grid = range(-(self.reach // step) * step, self.reach, step)
-        for moves in (0, 1, 0, 1):  # by the first run
-            for shift in grid:
-                if moves == 1 and abs(shift * self.dt) > self.OUTPUT:
-                    continue
-                moved = (shift, shifts[1]) if moves == 0 else (shifts[0], shift)
-                other = self._at(moved, 1)[2]
-                if other < 0.7 * left:
-                    left, shifts = other, moved
-        return min(found, self._near(shifts), key=lambda best: best.left)
+        return min(best, self._near(shifts), key=lambda best: best.left)
 
     def _near(self, shifts: tuple[int, int]) -> Best:
         """The relation about shifts of u and x, as the derivative is right for small ones alone."""

@@ -145,7 +145,7 @@ def simulate(
     from pilotid.datasets.named import truth
 
     truth_file = out.with_suffix(".truth.json")
-    written = [out, truth_file, *[sidecar_path(out)] * (out.suffix.lower() == ".csv")]
+    written = [out, truth_file, *[sidecar_path(out)] * (out.suffix.lower() != ".mat")]
     again = truth_file.exists()  # it was simulated
     require_free(written, [Path(scenario)], force=force or again)
     named = scenario_named(scenario)

@@ -19,7 +19,7 @@ from pilotid.estimate.parts import AnalysedBand
 from pilotid.estimate.warnings import all_remarks
 from pilotid.model.model import PilotModel
 from pilotid.naming.code import reason
-from pilotid.recording.recording import Recording, unit_sized
+from pilotid.recording.recording import Recording
 from pilotid.support.numbers import require_settings
 from pilotid.support.types import InputError, one_line
 
@@ -90,7 +90,6 @@ def identify(
     that makes no sense, are outcomes.  Only an interruption by the user passes through.
     """
     name, begin = method.name, None
-    recording = unit_sized(recording)
     try:
         require_settings(method)
         model = made_for(recording, model)

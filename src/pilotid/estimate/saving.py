@@ -21,7 +21,6 @@ from pilotid.support.remarks import Remark
 from pilotid.support.types import InputError
 
 T = TypeVar("T")
-MOST = 2**30  # bytes of a file
 
 
 def save(estimate: Estimate, path: str | os.PathLike[str]) -> None:
@@ -60,7 +59,7 @@ def load_estimate(
         If the file holds no estimate or several, or the model is not known.
     """
     file = Path(path)
-    require_file(file, MOST)
+    require_file(file)
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
         every = [e for own in (found if isinstance(found, list) else [found])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import os
 import pickle
+import re
 import subprocess
 import sys
 import threading
@@ -16,16 +17,14 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from subprocess import PIPE
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from pilotid.recording.roles import Content, Families, family_of, listed, shown
+from pilotid.recording.roles import Content, MatlabObject, listed, shown
 from pilotid.recording.windows import sidecar_path
-from pilotid.support.disk import require_file
-from pilotid.support.types import InputError
+from pilotid.support.types import FloatArray, InputError
 
-LARGEST_FILE = 2**32  # bytes
 READER = """
 import pickle, signal, sys, warnings
 from scipy.io import loadmat
@@ -33,23 +32,15 @@ signal.signal(signal.SIGINT, signal.SIG_IGN)
 warnings.simplefilter("ignore")
 for path in map(eval, sys.stdin):
     try:
-        found = loadmat(path)
+        content = loadmat(path)
     except Exception as error:
-        found = error
-    pickle.dump(found, sys.stdout.buffer, protocol=5)
+        content = error
+    pickle.dump(content, sys.stdout.buffer, protocol=5)
     sys.stdout.buffer.flush()
 """
 LOCK = threading.Lock()
 HDF5 = b"\x89HDF\r\n\x1a\n"  # how v7.3 files begin, behind a header of 512 bytes
 NOTES = "pilotid"  # the struct variable that holds what a CSV's sidecar holds
-
-
-class MatlabObject(NamedTuple):
-    """An object of a MATLAB class, whose content only MATLAB reads."""
-
-    kind: str
-
-
 #: Variables by name, ``data(2).u`` and ``u{3}`` inside arrays of structs and cells: arrays, texts,
 #: and None for what is none of these.
 Variables = dict[str, Any]
@@ -63,7 +54,8 @@ def read_arrays(path: Path, source: str, part: str) -> Content:
     path, source
         The file, and its name in messages.
     part
-        Name of the struct or group that holds the recording; empty for all.
+        The struct or group that holds the recording, or the runs that are meant, as in
+        ``sigma=17``; empty for all.
 
     Raises
     ------
@@ -81,26 +73,14 @@ def read_arrays(path: Path, source: str, part: str) -> Content:
             place = place.setdefault(key, {})
         place[last] = value.tolist() if isinstance(value, np.ndarray) else value
     beside = path.suffix.lower() != ".mat" and sidecar_path(path).exists()
-    notes = read_sidecar(path) if beside else parsed(facts, f"{source}, variable {NOTES}")
-    families: dict[str, dict[str, Any]] = {}
-    for name, value in variables.items():
-        families.setdefault(family_of(name), {})[name] = value
-    roots = dict.fromkeys(name.partition(".")[0] for name in families if "." in name)
-    if part and part not in roots:
-        what = f"has no part {shown(part)}, only {listed(roots)}"
+    families = {name: re.sub(r"\([0-9]+\)|\{[0-9]+\}", "", name) for name in variables}
+    parts = dict.fromkeys(n.partition(".")[0] for n in families.values() if "." in n)
+    if part and "=" not in part and part not in parts:
+        what = f"has no part {shown(part)}, only {listed(parts)}"
         raise InputError(f"{source}: {what}; name one of them behind ::")
-    advice = next(
-        (
-            f"variable {name} is a MATLAB {value.kind}, which only MATLAB reads: make matrices of "
-            f"it there, as in S = table2struct({name},'ToScalar',true); save('F.mat','-struct','S')"
-            ", a timetable by timetable2table first, a timeseries by its Time and Data"
-            for name, value in variables.items()
-            if isinstance(value, MatlabObject)
-        ),
-        "",
-    )
 
-    def numbers(name: str, value: Any) -> Any:
+    def numbers(name: str) -> FloatArray:
+        value = variables[name]
         if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiub":
             raise InputError(
                 f"{source}: variable {name} does not hold real numbers; save it as a full numeric "
@@ -108,16 +88,8 @@ def read_arrays(path: Path, source: str, part: str) -> Content:
             )
         return np.atleast_1d(value if value.dtype.kind == "f" else value.astype(np.float64))
 
-    views = {root: {**families, **_inside(families, root)} for root in roots}
-    whole, parts = (views[part], {}) if part else (families, views)
-    return Content(whole, parts, notes, numbers, source, "variable", advice=advice)
-
-
-def _inside(families: Families, root: str) -> Families:
-    """What is in a struct, by its name there."""
-    start = f"{root}."
-    inside = {n.removeprefix(start): own for n, own in families.items() if n.startswith(start)}
-    return {name: own for name, own in inside.items() if "." not in name}
+    notes = read_sidecar(path) if beside else parsed(facts, f"{source}, variable {NOTES}")
+    return Content("variable", source, variables, families, notes, numbers, part)
 
 
 def _read(path: Path, source: str) -> Variables:
@@ -128,13 +100,13 @@ def _read(path: Path, source: str) -> Variables:
     InputError
         If it cannot be read.
     """
-    require_file(path, LARGEST_FILE)
+    suffix = path.suffix.lower()
     try:
         with path.open("rb") as stream:
-            head = stream.read(520)
-        if path.suffix.lower() == ".npz":
-            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            if suffix == ".npz":
+                archive = np.load(stream, allow_pickle=False)
                 return {name: _in_npz(archive, name) for name in archive.files}
+            head = stream.read(520)
         if HDF5 in (head[:8], head[512:]):
             import h5py
 
@@ -143,7 +115,6 @@ def _read(path: Path, source: str) -> Variables:
         loaded = _loaded(path).items()
         return dict(pair for name, value in loaded for pair in _in_array(value, name))
     except Exception as error:  # what is damaged, or too large, fails in any way whatsoever
-        suffix = path.suffix.lower()
         kind, command = ("MATLAB", "save -v7") if suffix == ".mat" else (suffix, "numpy.savez")
         what = shown(f"{type(error).__name__}: {error}")[1:-1]
         raise InputError(
@@ -171,21 +142,18 @@ def _loaded(path: Path) -> dict[str, Any]:
     """The variables that scipy reads of a file."""
     with LOCK:
         reader = _reader(os.getpid())
-        if reader.poll() is not None:  # it ended after its last answer
-            _end(reader)
-            reader = _reader(os.getpid())
         assert reader.stdin is not None
         assert reader.stdout is not None
         try:
             reader.stdin.write(f"{str(path.absolute())!a}\n".encode())
             reader.stdin.flush()
-            found = pickle.load(reader.stdout)
+            content = pickle.load(reader.stdout)
         except BaseException:  # the next answer must not be this one
             _end(reader)
             raise
-    if isinstance(found, Exception):
-        raise found
-    return {name: value for name, value in found.items() if not name.startswith("__")}
+    if isinstance(content, Exception):
+        raise content
+    return {name: value for name, value in content.items() if not name.startswith("__")}
 
 
 def _in_array(value: Any, name: str) -> Iterator[tuple[str, Any]]:
@@ -199,9 +167,9 @@ def _in_array(value: Any, name: str) -> Iterator[tuple[str, Any]]:
         yield name, None
     elif value.dtype.names is not None:
         for number, struct in enumerate(value.ravel(order="F"), start=1):
-            own = name if value.size == 1 else f"{name}({number})"
+            place = name if value.size == 1 else f"{name}({number})"
             for field in value.dtype.names:
-                yield from _in_array(struct[field], f"{own}.{field}")
+                yield from _in_array(struct[field], f"{place}.{field}")
     elif value.dtype.kind == "O":
         for number, cell in enumerate(value.ravel(order="F"), start=1):
             yield from _in_array(cell, f"{name}{{{number}}}")

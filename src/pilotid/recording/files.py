@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,16 +13,8 @@ from typing import Any
 import numpy as np
 
 from pilotid.recording.arrays import NOTES, read_arrays
-from pilotid.recording.recording import ABSENT, LEAD_IN, SIGNALS, Recording, joined
-from pilotid.recording.roles import (
-    UNEVENNESS,
-    Content,
-    Signals,
-    listed,
-    places_of,
-    shown,
-    signals_of,
-)
+from pilotid.recording.recording import LEAD_IN, Recording, joined
+from pilotid.recording.roles import places_of, recording_of, shown
 from pilotid.recording.table import read_table
 from pilotid.recording.windows import (
     chosen_runs,
@@ -32,13 +24,12 @@ from pilotid.recording.windows import (
     span_of,
     whole_periods,
 )
-from pilotid.support.disk import path_shown, write_file
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.disk import path_shown, require_file, write_file
+from pilotid.support.types import InputError
 
 TEXTS = (".csv", ".txt", ".tsv", ".dat")
 READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz")
 WRITTEN = (".csv", ".mat", ".npz")
-SNAP = 1e-4  # relative: a rate this close to a whole number of hertz is that number
 
 
 def parse_mapping(text: str) -> dict[str, str]:
@@ -98,125 +89,21 @@ def load_recording(
     """
     source = path_shown(path)
     file, part = file_and_part(path)
-    name, by_value, value = part.partition("=")
     is_text = _suffix(file, source, READ) in TEXTS
     if is_text and part:
         raise InputError(
             f"{source}: a table has no part {shown(part)}; write the rows into a file of their own"
         )
+    require_file(file)
     try:
         with np.errstate(all="ignore"):  # files may hold anything
-            if is_text:
-                content = read_table(file, source)
-            else:
-                content = read_arrays(file, source, "" if by_value else part)
-            timed = dt is not None or content.notes.dt is not None
-            signals = signals_of(content, mapping, timed=timed)
-            if by_value:
-                signals = signals._replace(values=_chosen(content, signals.values, name, value))
-            recording = _assembled(content, signals, source, dt)
+            content = read_table(file, source) if is_text else read_arrays(file, source, part)
+            recording = recording_of(content, mapping, dt, source)
     except OSError as error:
         raise InputError(
-            f"{path_shown(error.filename or source)}: cannot be read ({error.strerror or error}); "
-            "check the file and its rights"
+            f"{source}: cannot be read ({error.strerror or error}); check the file and its rights"
         ) from error
     return whole_periods(recording) if periods and content.notes.run_in is None else recording
-
-
-def _chosen(
-    content: Content, values: Mapping[str, FloatArray], name: str, value: str
-) -> dict[str, FloatArray]:
-    """The runs at which a variable with one number a run has the value in a text."""
-    runs = len(values["u"])
-    held = np.ravel(content.families.get(name, {}).get(name, ""))
-    if held.dtype.kind not in "fiub" or held.size != runs:
-        raise InputError(
-            f"{content.where}: variable {shown(name)} must have one number for each of the {runs} "
-            f"runs; choose by such a variable, of {listed(content.families)}"
-        )
-    try:
-        chosen = held == float(value)
-    except ValueError:
-        chosen = np.zeros(runs, dtype=bool)
-    if not chosen.any():
-        there = dict.fromkeys(f"{own:g}" for own in held)
-        raise InputError(
-            f"{content.where}: no run has {shown(name)} = {shown(value)}; choose one of "
-            f"{listed(there)}"
-        )
-    return {s: v[chosen] if len(v) == runs else v for s, v in values.items()}
-
-
-def _assembled(content: Content, found: Signals, source: str, dt: float | None) -> Recording:
-    """The recording in what was found of a file."""
-    notes, signals, origin = content.notes, dict(found.values), dict(found.origin)
-    for name, other in (("x", "e"), ("e", "x")):
-        if name not in signals and len(signals.get("ft", ())) in (1, len(signals[other])):
-            signals[name] = signals["ft"] - signals[other]
-            origin[name] = f"ft - {other}"
-    if "x" not in signals:
-        signals["x"] = np.zeros_like(signals["u"])
-        origin["x"] = ABSENT
-    said = {who: own for who, own in (("--dt", dt), ("the note dt", notes.dt)) if own is not None}
-    interval, negative = _time_base(found.time, content.place, said, source)
-    run_in = negative if notes.run_in is None else round(notes.run_in / interval)
-    held = {"runs": (notes.runs, len(signals["u"])), "samples of run-in": (run_in, negative)}
-    for what, (own, count) in held.items():
-        if count and own not in (None, count):
-            raise InputError(
-                f"{source}: its notes say {own} {what} but it holds {count}; correct one of them"
-            )
-    own_signals: dict[str, Any] = {name: signals.pop(name, None) for name in SIGNALS}
-    return Recording(
-        dt=interval,
-        **own_signals,
-        run_in=run_in,
-        lines={name: tuple(lines) for name, lines in notes.lines.items()},
-        units={**found.units, **notes.units},
-        source=source,
-        controlled_element=notes.controlled_element,
-        origin=origin,
-        extra=signals,
-    )
-
-
-def _time_base(
-    t: FloatArray | None, where: Callable[[int], str], said: Mapping[str, float], source: str
-) -> tuple[float, int]:
-    """Sampling interval [s] and number of samples before t = 0.
-
-    They follow from the file's times, which must increase evenly, or from what is said in their
-    place, which must agree with them; a note is the more exact.
-    """
-    if t is None:
-        dt, negative, reach = next(iter(said.values())), 0, SNAP
-    else:
-        if t.size < 2:
-            raise InputError(f"{source}: holds {t.size} samples; at least 10 s are needed")
-        steps, dt = np.diff(t), float(t[-1] - t[0]) / (t.size - 1)
-        if not steps.min() > 0.0:
-            raise InputError(
-                f"{source}: the time does not increase at {where(int(np.argmin(steps > 0.0)) + 1)};"
-                " remove repeated rows, and give repeated runs a column or a run number each"
-            )
-        if not np.abs(t - np.linspace(t[0], t[-1], t.size)).max() <= UNEVENNESS * dt < np.inf:
-            usual = float(np.median(steps))
-            worst = int(np.argmax(np.abs(steps - usual)))
-            raise InputError(
-                f"{source}: the time steps by {steps[worst]:.6g} s at {where(worst + 1)} but by "
-                f"{usual:.6g} s elsewhere; resample the recording to even steps"
-            )
-        rate = float(np.rint(1.0 / np.float64(dt)))
-        dt = 1.0 / rate if abs(dt * rate - 1.0) <= SNAP else dt
-        negative = int(np.count_nonzero(t < -UNEVENNESS * dt))
-        reach = max(SNAP, 2 * UNEVENNESS / (t.size - 1))
-    for who, own in said.items():
-        if abs(own - dt) > reach * dt:
-            raise InputError(
-                f"{source}: {who} says {own:g} s but the samples are {dt:g} s apart; leave one of "
-                "the two out"
-            )
-    return said.get("the note dt", dt), negative
 
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -227,7 +114,7 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     recording
         What to write.
     path
-        The file, .csv (a sidecar .json is written beside it), .mat or .npz.  Each is
+        The file, .csv or .npz (a sidecar .json is written beside it), or .mat.  Each is
         complete or not there: it is written under another name and then renamed.
 
     Raises
@@ -240,62 +127,44 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     source = path_shown(path)
     file = Path(path)
     suffix = _suffix(file, source, WRITTEN)
-    is_csv = suffix == ".csv"
-    time = [f"{t:.12g}" for t in recording.time.tolist()]
-    t = np.array(time, dtype=float) if is_csv else recording.time
-    columns: dict[str, FloatArray] = {}
-    for name in recording.signals:
-        runs = recording.input(name)
-        same = name not in ("e", "u", "x") and all(r.tobytes() == runs[0].tobytes() for r in runs)
-        columns[name] = runs[:1] if same else runs
-    as_read, _ = _time_base(t, str, {}, source)
     facts = {
         "runs": recording.runs,
         "run_in": recording.run_in * recording.dt,
-        "dt": None if as_read == recording.dt else recording.dt,
+        "dt": recording.dt,
         "units": {**recording.units},
         "lines": {name: [*lines] for name, lines in recording.lines.items()},
         "extra": [*recording.extra],
         "controlled_element": recording.controlled_element,
     }
     notes = parsed(facts, source).model_dump(exclude_defaults=True)
-    if not is_csv:
-        stream = io.BytesIO()
-        turned = {name: runs.T for name, runs in columns.items()}
-        if suffix == ".npz":
-            everything: dict[str, Any] = {"t": t, **_flat(notes, NOTES), **turned}
-            np.savez_compressed(stream, **everything)
-        else:
-            from scipy.io import savemat  # heavy, and the others do not need it
+    columns: dict[str, Any] = {}
+    for name in recording.signals:
+        runs = recording.input(name)
+        same = name not in ("e", "u", "x") and all(r.tobytes() == runs[0].tobytes() for r in runs)
+        columns[name] = (runs[:1] if same else runs).T
+    stream = io.BytesIO()
+    if suffix == ".mat":
+        from scipy.io import savemat  # heavy, and the others do not need it
 
-            savemat(stream, {"t": t[:, np.newaxis], NOTES: notes, **turned})  # type: ignore[arg-type]
-        write_file(file, stream.getvalue())
-        return
-    cells = [["t", *time]]
-    for name, runs in columns.items():
-        for run, samples in enumerate(runs.tolist(), start=1):  # repr restores every bit
-            cells.append([f"{name}_{run}" if len(runs) > 1 else name, *map(repr, samples)])
-    text = "".join(",".join(row) + "\n" for row in zip(*cells, strict=True))
-    write_file(file, text.encode())
-    write_file(sidecar_path(file), f"{json.dumps(notes, indent=2, ensure_ascii=False)}\n".encode())
-
-
-def _flat(notes: Mapping[str, Any], path: str) -> dict[str, Any]:
-    """Entries of nested notes by their dotted paths."""
-    found: dict[str, Any] = {}
-    for key, entry in notes.items():
-        own = f"{path}.{key}"
-        found |= _flat(entry, own) if isinstance(entry, dict) else {own: entry}
-    return found
+        savemat(stream, {"t": recording.time[:, np.newaxis], NOTES: notes, **columns})  # type: ignore[arg-type]
+    elif suffix == ".npz":
+        np.savez_compressed(stream, t=recording.time, **columns)
+    else:
+        cells = [["t", *(f"{t:.12g}" for t in recording.time.tolist())]]
+        for name, runs in columns.items():
+            for run, samples in enumerate(runs.T.tolist(), start=1):  # repr restores every bit
+                cells.append([f"{name}_{run}" if runs.shape[1] > 1 else name, *map(repr, samples)])
+        stream.writelines(f"{','.join(row)}\n".encode() for row in zip(*cells, strict=True))
+    write_file(file, stream.getvalue())
+    if suffix != ".mat":
+        text = json.dumps(notes, indent=2, ensure_ascii=False)
+        write_file(sidecar_path(file), f"{text}\n".encode())
 
 
 def _suffix(file: Path, source: str, known: Collection[str]) -> str:
     suffix = file.suffix.lower()
-    others = "" if known == WRITTEN else f", or one of {' '.join(READ[1:])}"
     if suffix not in known:
-        raise InputError(
-            f"{source}: a recording must be a .csv or a .mat file{others}; convert it to one"
-        )
+        raise InputError(f"{source}: convert it to a .csv or a .mat file, or to {' '.join(known)}")
     return suffix
 
 
@@ -338,8 +207,6 @@ class Reading:
 
     def one(self, file: Path) -> Recording:
         """The recording in a file."""
-        if self.dt is not None and not 0.0 < self.dt < 1.0:
-            raise InputError(f"--dt {self.dt:g}: give seconds between samples, as in --dt 0.01")
         recording = load_recording(file, self.names, self.dt, periods=not self.span)
         recording = replace(recording, lead_in=self.lead_in)
         if self.span:
@@ -376,7 +243,7 @@ def detrended(recording: Recording) -> Recording:
     """The recording with a straight line taken out of the control of each run.
 
     The line is that of least squares over the measurement window.  It takes with it what the
-    pilot himself did so slowly; `Recording.treatment` tells what was taken.
+    pilot himself did so slowly; `Recording.treatment` tells of it.
     """
     time = recording.time
     inside = time[recording.run_in :]
@@ -385,10 +252,5 @@ def detrended(recording: Recording) -> Recording:
     slope = (window @ centred) / float(centred @ centred)
     mean = window.mean(axis=1)
     line = mean[:, None] + slope[:, None] * (time - inside.mean())
-    gained = ", ".join(f"{s * recording.duration:.3g}" for s in slope)
-    where = "run" if recording.runs == 1 else "runs"
-    words = (
-        f"a straight line was taken out of u, which gained {gained} over the {where} and was "
-        f"{', '.join(f'{m:.3g}' for m in mean)} in the mean"
-    )
+    words = "a straight line was taken out of u in each run"
     return replace(recording, u=recording.u - line, treatment=(*recording.treatment, words))

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import wraps
-from types import MappingProxyType
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pilotid.support.numbers import Range, in_range
 from pilotid.support.types import SIGNAL_NAME, FloatArray, InputError, is_signal_name, printable
 
 P = ParamSpec("P")
@@ -30,26 +28,10 @@ SIGNALS = {
 SHORTEST = 10.0  # seconds of measurement window that an identification needs
 COARSEST = 0.1  # seconds between samples: half that rate is just above the pilot's band
 LARGEST = 1e100  # of a signal in any unit; squares and their sums must not overflow
-LARGE_MEAN = 30.0
-LEAST = 5.0  # s that must be left to score
-DT, RUN_IN = Range(1e-6, 100.0), Range(0, 10**9, True)
-LEAD, LINE = Range(0.0, 3600.0), Range(1, 10**7, True)
-LONGEST_UNIT = 40  # characters
-LONGEST_ELEMENT = 200
-
-
+LEAST_SCORED = 5.0  # s
 #: The origin of x where it was not recorded: it is zero, and no signal.
 ABSENT = "not recorded"
 LEAD_IN = 3.0  # seconds from which a prediction starts, where no run-in is longer
-
-
-def is_unit(text: object) -> bool:
-    """Whether a text can label an axis; a dollar sign would start a formula there."""
-    return _is_text(text, LONGEST_UNIT) and "$" not in str(text)
-
-
-def _is_text(text: object, longest: int) -> bool:
-    return isinstance(text, str) and len(text) <= longest and text.isprintable()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -109,102 +91,71 @@ class Recording:
     extra: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._check_types()
-        if self.dt > COARSEST:
-            raise InputError(
-                f"{self.source}: the sampling interval is {self.dt:.3g} s; a pilot's control needs "
-                f"at most {COARSEST:g} s between samples; give the time in seconds"
+        lines = {name: tuple(map(int, lines)) for name, lines in self.lines.items() if lines}
+        for name, value in (
+            ("source", printable(str(self.source))),
+            ("dt", float(self.dt)),
+            ("run_in", int(self.run_in)),
+            ("lead_in", float(self.lead_in)),
+            ("lines", lines),
+        ):
+            object.__setattr__(self, name, value)
+        if not 0.0 < self.dt <= COARSEST:
+            self._refuse(
+                f"the sampling interval is {self.dt:.3g} s; a pilot's control needs at most "
+                f"{COARSEST:g} s between samples; give the time in seconds"
             )
         for name in ("u", *SIGNALS):
             value = getattr(self, name)
             if value is not None or name in "eux":
                 object.__setattr__(self, name, self._checked(name, value))
+        for name in self.extra:
+            require_extra_name(name)
         extra = {name: self._checked(name, value) for name, value in self.extra.items()}
-        object.__setattr__(self, "extra", MappingProxyType(extra))
-        for name, unit in self.units.items():
-            if not is_unit(unit):
-                raise InputError(
-                    f"{self.source}: the unit of {name} must be at most {LONGEST_UNIT} printable "
-                    "characters without $; shorten it or leave it out"
-                )
-        if not _is_text(self.controlled_element, LONGEST_ELEMENT):
-            raise InputError(
-                f"{self.source}: the description of the controlled element must be at most "
-                f"{LONGEST_ELEMENT} printable characters; shorten it or leave it out"
-            )
-        if not 0 <= self.run_in < self.u.shape[1]:
-            raise InputError(
-                f"{self.source}: the run-in ({self.run_in} samples) must be shorter than the "
-                f"recording ({self.u.shape[1]} samples)"
-            )
-        if self.duration < SHORTEST:
-            raise InputError(
-                f"{self.source}: the measurement window lasts {self.duration:.3g} s; at least "
-                f"{SHORTEST:g} s are needed (is each signal stored as one column a run?)"
-            )
+        object.__setattr__(self, "extra", extra)
         scored = self.duration - max(0.0, self.lead_in - self.run_in * self.dt)
-        if scored < LEAST:
-            raise InputError(
-                f"{self.source}: a lead-in of {self.lead_in:g} s leaves {scored:.3g} s to score; "
-                f"at least {LEAST:g} s are needed"
+        if min(self.run_in, self.lead_in) < 0 or self.duration < SHORTEST or scored < LEAST_SCORED:
+            self._refuse(
+                f"the measurement window lasts {self.duration:.3g} s after a run-in of "
+                f"{self.run_in} samples, and {scored:.3g} s of it are scored; at least "
+                f"{SHORTEST:g} s and {LEAST_SCORED:g} s are needed (is each signal stored as one "
+                "column a run?)"
             )
         still = np.ptp(self.u[:, self.run_in :], axis=1) == 0.0
         if still.any():
-            raise InputError(
-                f"{self.source}: the control u is constant in run {1 + int(np.argmax(still))}; "
-                "map u to the recorded control, or leave that run out"
+            self._refuse(
+                f"the control u is constant in run {1 + int(np.argmax(still))}; map u to the "
+                "recorded control, or leave that run out"
             )
 
-    def _check_types(self) -> None:
-        """Numbers in their ranges, and texts and mappings as Python's own."""
-        source = printable(str(self.source))
-        found: dict[str, object] = {"source": source, "treatment": tuple(self.treatment)}
-        try:
-            for name, known in (("dt", DT), ("run_in", RUN_IN), ("lead_in", LEAD)):
-                found[name] = in_range(getattr(self, name), known, name)
-            for name in self.extra:
-                require_extra_name(name)
-            lines = {k: [int(in_range(n, LINE, "lines")) for n in v] for k, v in self.lines.items()}
-        except InputError as error:
-            raise InputError(f"{source}: {error}") from None
-        found["lines"] = MappingProxyType({k: tuple(v) for k, v in lines.items() if v})
-        for name in ("units", "origin", "extra"):
-            found[name] = MappingProxyType(dict(getattr(self, name)))
-        for name, value in found.items():
-            object.__setattr__(self, name, value)
+    def _refuse(self, why: str) -> NoReturn:
+        raise InputError(f"{self.source}: {why}")
 
     def __reduce__(self) -> tuple[object, ...]:
-        values = (getattr(self, name) for name in self.__dataclass_fields__)
-        return type(self), tuple(dict(v) if isinstance(v, Mapping) else v for v in values)
+        return type(self), tuple(vars(self).values())
 
     def _checked(self, name: str, value: ArrayLike) -> FloatArray:
-        try:
-            given = np.asarray(value)
-            real = given.dtype.kind in "fiuO" and not np.ma.is_masked(value)
-            array = given.astype(float, order="C") if real else None
-        except (TypeError, ValueError):
-            array = None
-        if array is None:
-            raise InputError(
-                f"{self.source}: signal {name} must be an array of real numbers, none of them "
-                "masked; repair or cut the recording there"
+        given = np.asarray(value)
+        if given.dtype.kind not in "fiu" or np.ma.is_masked(value):
+            self._refuse(
+                f"signal {name} must be an array of real numbers, none of them masked; repair or "
+                "cut the recording there"
             )
+        array = given.astype(float, order="C")
         shape = array.shape if name == "u" else self.u.shape
-        if array.ndim != 2 or not len(array):
-            raise InputError(f"{self.source}: signal {name} must have the shape (runs, samples)")
         if name not in ("e", "u", "x") and array.shape == (1, *shape[1:]):
             array = np.repeat(array, shape[0], axis=0)  # the same function in every run
-        if array.shape != shape:
-            raise InputError(
-                f"{self.source}: signal {name} has {array.shape[0]} runs of {array.shape[1]} "
-                f"samples but u has {shape[0]} of {shape[1]}; all must be equal"
+        if array.ndim != 2 or not len(array) or array.shape != shape:
+            self._refuse(
+                f"signal {name} is of the shape {array.shape} and u of {shape}; all must be equal, "
+                "(runs, samples)"
             )
         bad = ~(np.abs(array) <= LARGEST)
         if bad.any():
             run, sample = (int(i) for i in np.argwhere(bad)[0])
-            raise InputError(
-                f"{self.source}: signal {name} is {array[run, sample]:g} at sample {sample + 1} of "
-                f"run {run + 1}; repair or cut the recording there"
+            self._refuse(
+                f"signal {name} is {array[run, sample]:g} at sample {sample + 1} of run {run + 1}; "
+                "repair or cut the recording there"
             )
         array.flags.writeable = False
         return array
@@ -280,20 +231,18 @@ class Recording:
         InputError
             If it is no span, the window ends before it does, or it is too short.
         """
-        if not 0.0 <= start < end < np.inf:
-            raise InputError(f"the span {start:g}:{end:g} must be START:END in seconds, as in 0:41")
         first, last = round(start / self.dt), round(end / self.dt)
-        if last > self.samples:
+        if not 0 <= first < last <= self.samples:
             raise InputError(
-                f"the span {start:g}:{end:g}: the window of {self.source} ends at "
-                f"{self.duration:.4g} s"
+                f"the span {start:g}:{end:g} must lie in the window of {self.source}, which ends "
+                f"at {self.duration:.4g} s"
             )
         share = (last - first) / self.samples
-        lines = {name: [line * share for line in own] for name, own in self.lines.items()}
+        lines = {name: np.array(lines) * share for name, lines in self.lines.items()}
         kept = {
-            name: tuple(round(line) for line in own)
-            for name, own in lines.items()
-            if all(abs(line - round(line)) < 1e-6 for line in own)
+            name: tuple(np.rint(line).astype(int).tolist())
+            for name, line in lines.items()
+            if np.all(np.abs(line - np.rint(line)) < 1e-6)
         }
         whole = self.run_in + last
         return self.with_arrays(
@@ -373,65 +322,51 @@ def joined(recordings: Iterable[Recording]) -> Recording:
     InputError
         If the sampling interval, length, run-in or the signals recorded differ.
     """
-    recordings = list(recordings)
-    if not recordings or not all(isinstance(own, Recording) for own in recordings):
-        raise InputError("joined takes recordings, one at least")
-    recordings, added = _with_all_forcing(recordings)
+    recordings, added = _with_all_forcing(list(recordings))
     first = recordings[0]
     for other in recordings[1:]:
         for what, a, b in (
-            ("sampling interval", first.dt, other.dt),
+            ("sampling interval", f"{first.dt:.5g}", f"{other.dt:.5g}"),
             ("number of samples", first.samples, other.samples),
             ("run-in", first.run_in, other.run_in),
             ("set of signals", " ".join(first.signals), " ".join(other.signals)),
+            ("set of units", {**other.units, **first.units}, {**first.units, **other.units}),
         ):
-            equal = a == b if not isinstance(a, float) else bool(np.isclose(a, float(str(b))))
-            if not equal:
+            if a != b:
                 raise InputError(
                     f"{other.source}: the {what} ({b}) differs from that of {first.source} ({a}), "
                     "so the two cannot be runs of one recording"
                 )
-
-        for name, unit in other.units.items():
-            if first.units.get(name, unit) != unit:
-                raise InputError(
-                    f"{other.source}: the unit of {name} ({unit}) differs from that of "
-                    f"{first.source} ({first.units[name]}), so the two cannot be runs of one "
-                    "recording"
-                )
     every = [recording.arrays for recording in recordings]
+    lines = {}
+    for name in ("ft", "fd"):  # none for a function of which one recording names none
+        moved = [r for r in recordings if name in r.lines or np.any(getattr(r, name))]
+        if moved and all(name in r.lines for r in moved):
+            lines[name] = tuple(sorted({line for r in moved for line in r.lines[name]}))
     return first.with_arrays(
-        {name: np.concatenate([own[name] for own in every]) for name in every[0]},
-        lines=_all_lines(recordings),
+        {name: np.concatenate([arrays[name] for arrays in every]) for name in every[0]},
+        lines=lines,
         source=f"{first.source} and {len(recordings) - 1} more",
         treatment=tuple(dict.fromkeys([*(s for r in recordings for s in r.treatment), *added])),
     )
 
 
-def _with_all_forcing(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+def _with_all_forcing(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
     """The same with zeros for forcing functions that others have, and a sentence on each."""
-    found, added = list(recordings), []
+    added = []
     for name in ("ft", "fd"):
-        without = [i for i, own in enumerate(found) if getattr(own, name) is None]
-        if not 0 < len(without) < len(found):
+        without = [r for r in recordings if getattr(r, name) is None]
+        if not 0 < len(without) < len(recordings):
             continue
-        for i in without:
-            lines = {key: own for key, own in found[i].lines.items() if key != name}
-            signal: dict[str, Any] = {name: np.zeros_like(found[i].u)}
-            found[i] = replace(found[i], **signal, lines=lines)
-        which = ", ".join(found[i].source for i in without)
+        recordings = [
+            r.with_arrays({name: np.zeros_like(r.u)}, lines={**r.lines, name: ()})
+            if r in without
+            else r
+            for r in recordings
+        ]
+        which = ", ".join(r.source for r in without)
         added.append(f"{name} is taken for zero in {which}, where it is not recorded")
-    return found, added
-
-
-def _all_lines(recordings: Sequence[Recording]) -> dict[str, tuple[int, ...]]:
-    """The lines of all recordings; of a forcing function for which one names none, none."""
-    found = {}
-    for name in ("ft", "fd"):
-        moved = [r for r in recordings if name in r.lines or np.any(getattr(r, name))]
-        if moved and all(name in r.lines for r in moved):
-            found[name] = tuple(sorted({line for r in moved for line in r.lines[name]}))
-    return found
+    return recordings, added
 
 
 def factor_of(text: str) -> tuple[float, str]:
@@ -473,20 +408,3 @@ def remembered(
         return own[key]
 
     return recalled
-
-
-@remembered
-def unit_sized(recording: Recording) -> Recording:
-    """The recording as what computes takes it: without means over `LARGE_MEAN` standard deviations.
-
-    Other recordings stay as they are.
-    """
-    arrays = recording.arrays
-    held = {name: arrays[name] for name in recording.signals}
-    means = {name: float(signal.mean()) for name, signal in held.items()}
-    large = {n for n, mean in means.items() if abs(mean) > LARGE_MEAN * held[n].std() > 0.0}
-    if large & {"e", "x", "ft"}:  # of which one is what the other two make it
-        large |= held.keys() & {"e", "x", "ft"}
-    for name in large:
-        held[name] = held[name] - means[name]
-    return recording.with_arrays(held) if large else recording

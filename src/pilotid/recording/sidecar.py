@@ -13,13 +13,14 @@ from pilotid.recording.windows import sidecar_path
 from pilotid.support.disk import path_shown, require_file
 from pilotid.support.types import InputError
 
-LARGEST_FILE = 2**22  # bytes
 #: MATLAB has no whole numbers of its own, and no lists of one.
 Count = Annotated[
     int,
     BeforeValidator(lambda n: int(n) if isinstance(n, float) and n.is_integer() else n),
     Field(ge=1, lt=10**15),
 ]
+#: What can label an axis: printable, no dollar sign.
+LABEL = r"^[^$\p{C}\p{Zl}\p{Zp}]*$"
 Listed = BeforeValidator(lambda value: value if isinstance(value, list) else [value])
 
 
@@ -40,10 +41,10 @@ class Sidecar(BaseModel):
     runs: Count | None = None
     run_in: Annotated[float, Field(ge=0, lt=1e9)] | None = None
     dt: Annotated[float, Field(ge=1e-6, le=100)] | None = None
-    units: dict[str, str] = {}
+    units: dict[str, Annotated[str, Field(max_length=40, pattern=LABEL)]] = {}
     lines: dict[Literal["ft", "fd"], Annotated[list[Count], Listed]] = {}
     extra: Annotated[list[str], Listed] = []
-    controlled_element: str = ""
+    controlled_element: Annotated[str, Field(max_length=200, pattern=LABEL)] = ""
 
 
 def parsed(raw: object, where: str) -> Sidecar:
@@ -63,9 +64,9 @@ def parsed(raw: object, where: str) -> Sidecar:
     """
     try:
         if isinstance(raw, bytes):
-            found = Sidecar.model_validate_json(raw.removeprefix(codecs.BOM_UTF8))
+            sidecar = Sidecar.model_validate_json(raw.removeprefix(codecs.BOM_UTF8))
         else:
-            found = Sidecar.model_validate(raw)
+            sidecar = Sidecar.model_validate(raw)
     except ValidationError as error:
         wrong = error.errors()[0]
         place = ".".join(map(str, wrong["loc"])) or "all of it"
@@ -74,12 +75,12 @@ def parsed(raw: object, where: str) -> Sidecar:
             f"{', '.join(Sidecar.model_fields)}; rename the file if it is no description of a "
             "recording)"
         ) from None
-    if unknown := found.units.keys() - {*SIGNALS, *found.extra}:
+    if unknown := sidecar.units.keys() - {*SIGNALS, *sidecar.extra}:
         raise InputError(
             f"{where}: units: {min(unknown)[:50]!r} is neither a signal nor named under extra; "
             "correct it or leave it out"
         )
-    return found
+    return sidecar
 
 
 def read_sidecar(file: Path) -> Sidecar:
@@ -93,5 +94,5 @@ def read_sidecar(file: Path) -> Sidecar:
     path = sidecar_path(file)
     if not path.exists():
         return Sidecar()
-    require_file(path, LARGEST_FILE)
+    require_file(path)
     return parsed(path.read_bytes(), path_shown(path))

@@ -9,8 +9,8 @@ exact.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -69,14 +69,6 @@ def known_lines(recording: Recording) -> dict[str, IntArray]:
         return forcing_lines(recording)
     except NotMultisineError:
         return {}
-
-
-def _has_lines(recording: Recording, name: str) -> bool:
-    """Whether a forcing function is a sum of a few sines."""
-    try:
-        return lines_of(recording, name).size > 0
-    except NotMultisineError:
-        return False
 
 
 def lines_of(recording: Recording, name: str) -> IntArray:
@@ -189,23 +181,14 @@ def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:
     return found
 
 
-class Answer(NamedTuple):
-    """The control at the lines of one forcing function.
+def answers(recording: Recording) -> dict[str, tuple[int, float]]:
+    """How the control answers to each forcing function that is a multisine, by its name.
 
-    Attributes
-    ----------
-    loud
-        Number of lines that stand out of the noise.
-    coherence
-        Share of the control's power at a line that is not noise, of the median line.
+    Returns
+    -------
+    Number of lines that stand out of the noise, and the share of the control's power at a line that
+    is not noise, of the median line.
     """
-
-    loud: int
-    coherence: float
-
-
-def answers(recording: Recording) -> dict[str, Answer]:
-    """How the control answers to each forcing function that is a multisine, by its name."""
     every, found = known_lines(recording), {}
     for name, lines in every.items():
         control, beside = _beside(recording, recording.u, lines, every)
@@ -217,7 +200,7 @@ def answers(recording: Recording) -> dict[str, Answer]:
         coherence = 1.0 - 1.0 / np.maximum(ratio, 1.0)
         loud = 1.0 + (LOUD - 1.0) / np.sqrt(recording.runs)  # a mean of runs scatters less
         stand_out = int(np.count_nonzero(coherence > 1.0 - 1.0 / loud))
-        found[name] = Answer(stand_out, float(np.median(coherence)))
+        found[name] = stand_out, float(np.median(coherence))
     return found
 
 
@@ -267,14 +250,11 @@ class Floors:
         Smoothed power density by signal, the unit of the signal squared per rad/s, shape (n,).
     floor
         The recorder's, of the same unit, by signal.
-    variance
-        Mean over runs, by signal.
     """
 
     omega: FloatArray
     power: dict[str, FloatArray]
     floor: dict[str, float]
-    variance: dict[str, float]
 
     def share(self, names: tuple[str, ...]) -> FloatArray:
         """Share of the power of signals that is not the recorder's, of the worst, shape (n,).
@@ -309,10 +289,10 @@ def floors_of(recording: Recording) -> Floors:
     if recording.ft is not None:  # a target that steps has all frequencies, and is no noise
         own = periodogram(recording.e - recording.ft, recording.dt)[0][:, top]
         floor["e"] = min(floor["e"], float(own.mean()))
-    if _has_lines(recording, "ft"):  # what lies between them is no noise, and no signal either
-        floor["ft"] = 0.0
-    variance = {name: float(np.mean(np.var(own, axis=1))) for name, own in signals.items()}
-    return Floors(omega, power, floor, variance)
+    with suppress(NotMultisineError):
+        if lines_of(recording, "ft").size:  # what lies between is no noise, and no signal either
+            floor["ft"] = 0.0
+    return Floors(omega, power, floor)
 
 
 def periodogram(signals: FloatArray, dt: float) -> tuple[FloatArray, float]:

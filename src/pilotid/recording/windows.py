@@ -18,7 +18,7 @@ import numpy as np
 from pilotid.recording.recording import SHORTEST, Recording
 from pilotid.recording.spectra import FEWEST, NotMultisineError, forcing_lines
 from pilotid.support.remarks import Remark
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.types import BoolArray, FloatArray, InputError
 
 SHORTEST_PERIOD = 4.0  # seconds
 REPEATED = 2.0  # seconds that must come again
@@ -38,25 +38,23 @@ def whole_periods(recording: Recording) -> Recording:
         forcing_lines(recording)
         return recording
     except NotMultisineError:
-        found = _periods(recording)
-    if found is None:
+        window = _periods(recording)
+    if window is None:
         return recording
-    first, period, count = found
+    first, period, count = window
     start, end = first * recording.dt, (first + count * period) * recording.dt
-    words = (
-        f"{count} periods" if count > 1 else "one period"
-    ) + f" of {period * recording.dt:.4g} s of the forcing functions"
-    note = Remark(
-        "whole-periods",
-        f"the window is {start:.4g} to {end:.4g} s of {recording.duration:.4g} s: {words}; what "
-        "lies before is run-in (--span chooses another)",
-    )
     try:
         cut = recording.cut(start, end)
         if sum(lines.size for lines in forcing_lines(cut).values()) < FEWEST:
             return recording
-    except (NotMultisineError, InputError, ValueError):
+    except (NotMultisineError, InputError):
         return recording
+    note = Remark(
+        "whole-periods",
+        f"the window is {start:.4g} to {end:.4g} s of {recording.duration:.4g} s: {count} x "
+        f"{period * recording.dt:.4g} s, whole periods of the forcing functions; what lies before "
+        "is run-in (--span chooses another)",
+    )
     return replace(cut, source=recording.source, treatment=(*recording.treatment, note))
 
 
@@ -67,36 +65,33 @@ def _periods(recording: Recording) -> tuple[int, int, int] | None:
     shortest, repeated = (round(t / recording.dt) for t in (SHORTEST_PERIOD, REPEATED))
     if not len(signals) or samples < shortest + repeated:
         return None
-    best: tuple[int, int, int, int] | None = None
+    windows = []
     for place in _candidates(signals, shortest, samples - repeated):
         # A ramp moves the delay of the best likeness by a sample.
         near = range(max(shortest, place - NEAR), min(samples - repeated, place + NEAR) + 1)
-        (first, length), period = max(
-            ((_repeated(signals, delay), delay) for delay in near), key=lambda own: own[0][1]
-        )
+        repetitions = [longest_run(_differences(signals, delay) <= EXACT) for delay in near]
+        (first, length), period = max(zip(repetitions, near, strict=True), key=lambda r: r[0][1])
         count = (length + period) // period
-        if length < repeated or count * period * recording.dt < SHORTEST:
-            continue
-        if best is None or (count * period, -period) > best[:2]:
+        if length >= repeated and count * period * recording.dt >= SHORTEST:
             # The excess goes before the window, down to a whole second.
             latest = first + length + period - count * period
             second = round(math.floor(latest * recording.dt) / recording.dt)
-            best = (count * period, -period, second if second >= first else latest, count)
-    return None if best is None else (best[2], -best[1], best[3])
+            windows.append((second if second >= first else latest, period, count))
+    return max(windows, key=lambda window: (window[1] * window[2], -window[1]), default=None)
+
+
+def _differences(signals: FloatArray, delay: int) -> FloatArray:
+    """The largest difference of signals and themselves after a delay, shape (samples - delay,)."""
+    return np.asarray(np.abs(signals[:, delay:] - signals[:, :-delay]).max(axis=0))
 
 
 def _moving(recording: Recording) -> FloatArray:
     """The different forcing functions that move, of unit size, shape (functions, samples)."""
-    rows = [
-        row
-        for name in ("ft", "fd")
-        if (signal := getattr(recording, name)) is not None
-        for row in np.unique(recording.window(signal), axis=0)
-    ]
-    sizes = [float(np.std(row)) for row in rows]
-    largest = max(sizes, default=0.0)
-    moving = [r / s for r, s in zip(rows, sizes, strict=True) if s > 1e-9 * largest]
-    return np.array(moving).reshape(len(moving), recording.samples)
+    forcing = [s for s in (recording.ft, recording.fd) if s is not None]
+    rows = np.unique(recording.window(np.concatenate([recording.u[:0], *forcing])), axis=0)
+    sizes = rows.std(axis=1, keepdims=True)
+    moving = sizes[:, 0] > 1e-9 * sizes.max(initial=0.0)
+    return np.asarray(rows[moving] / sizes[moving])
 
 
 def _candidates(signals: FloatArray, shortest: int, longest: int) -> list[int]:
@@ -115,10 +110,9 @@ def _candidates(signals: FloatArray, shortest: int, longest: int) -> list[int]:
     return [int(p) for p in places[np.argsort(unlike[places], kind="stable")][:CANDIDATES]]
 
 
-def _repeated(signals: FloatArray, delay: int) -> tuple[int, int]:
-    """Where the longest stretch begins that comes again after a delay, and its length."""
-    good = np.abs(signals[:, delay:] - signals[:, :-delay]).max(axis=0) <= EXACT
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
+def longest_run(mask: BoolArray) -> tuple[int, int]:
+    """Where the longest run of true entries begins, and its length."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     if not edges.size:
         return 0, 0
     lengths = edges[1::2] - edges[::2]
@@ -171,11 +165,10 @@ def chosen_runs(recording: Recording, text: str) -> Recording:
     for part in text.split(","):
         found = re.fullmatch(r"\s*(\d+)\s*(?:-\s*(\d+)\s*)?", part, re.ASCII)
         first, last = (int(found[1]), int(found[2] or found[1])) if found else (1, 0)
-        if not 1 <= first <= last:
-            raise InputError(f"--runs {text}: '{part}' names no runs; write for example 2-5 or 1,3")
-        if last > recording.runs:
+        if not 1 <= first <= last <= recording.runs:
             raise InputError(
-                f"--runs {text}: {recording.source} has no run {last}; it has {recording.runs}"
+                f"--runs {text}: '{part}' names no runs of {recording.source}, which has "
+                f"{recording.runs}; write for example 2-5 or 1,3"
             )
         runs += range(first, last + 1)
     return of_runs(recording, list(dict.fromkeys(runs)), f"runs {text}")

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 MANIFEST = "manifest.json"
 RECORDINGS, TRUTH = "recordings", "truth"  # folders of an export
 STEPS_PER_RMS = 1e4  # of a signal's rms: finer than any estimate needs, coarser than rounding
-LARGEST_TABLE = 2**26  # bytes of a table of estimates
 NUMBERS = ("value", "std_error", "lower", "upper")
 #: Columns of a table of estimates that must be there.
 REQUIRED = ("scenario", "replication", "parameter", "value")
@@ -230,7 +229,7 @@ def _table(path: Path) -> DataFrame:
     """The table of estimates: numbers are numbers, NaN where there are none."""
     from pandas import read_csv, to_numeric
 
-    require_file(path, LARGEST_TABLE)
+    require_file(path)
     try:
         table = read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8-sig")
     except (OSError, ValueError) as error:

@@ -26,13 +26,13 @@ def path_shown(path: str | os.PathLike[str]) -> str:
     return text if len(text) <= LONGEST_PATH else f"{text[:100]}...{text[-100:]}"
 
 
-def require_file(path: Path, most: int) -> None:
+def require_file(path: Path) -> None:
     """Refuse what cannot be read before it is opened: pipes and devices may wait for ever.
 
     Raises
     ------
     InputError
-        If there is no such file, it is none, or it has more than `most` bytes.
+        If there is no such file, or it is none.
     """
     source = path_shown(path)
     try:
@@ -46,9 +46,6 @@ def require_file(path: Path, most: int) -> None:
         raise InputError(f"{source}: cannot be read ({why}); check name and rights") from None
     if not stat.S_ISREG(info.st_mode):
         raise InputError(f"{source}: cannot be read (it is no file, but a folder or device, say)")
-    if info.st_size > most:
-        size = f"is {info.st_size / 1e6:.4g} MB large but at most {most / 1e6:.4g} MB are read"
-        raise InputError(f"{source}: {size}; thin it out in time")
 
 
 def write_file(path: Path, content: bytes) -> None:
