@@ -18,10 +18,9 @@ import numpy as np
 
 from pilotid.bounds import GRID, LineInformation, line_information
 from pilotid.datasets.experiments import experiment_of, inputs_of
-from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.named import designed_scenario, scenario_json
-from pilotid.datasets.remnant import UNIT_LEVEL
 from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.signals import UNIT_LEVEL, Multisine
 from pilotid.datasets.simulation import closed_loop, white_level
 from pilotid.likelihood.settings import BARTLETT_SECONDS
 from pilotid.support.disk import strict_json, table_bytes, write_file

@@ -14,9 +14,8 @@ from functools import lru_cache
 import numpy as np
 
 from pilotid.bounds import Circulation, Experiment, gradient_of
-from pilotid.datasets.forcing import Multisine, Steps
-from pilotid.datasets.remnant import Remnant, TabulatedRemnant
 from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.signals import Multisine, Remnant, Steps, TabulatedRemnant
 from pilotid.datasets.simulation import closed_loop, remnant_shaping, simulate, white_level
 from pilotid.likelihood.prediction import predict
 from pilotid.support.types import ComplexArray, FloatArray, InputError

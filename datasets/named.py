@@ -8,11 +8,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.population import POPULATIONS, Population
 from pilotid.datasets.recorder import Recorder
-from pilotid.datasets.remnant import Remnant, TabulatedRemnant
 from pilotid.datasets.scenarios import DEGREES, SCENARIOS, Scenario, checked
+from pilotid.datasets.signals import Multisine, Remnant, TabulatedRemnant
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.estimate.fitted import Fitted
 from pilotid.model.catalogue import model_named

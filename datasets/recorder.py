@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.datasets.forcing import Multisine
-from pilotid.datasets.remnant import TabulatedRemnant
+from pilotid.datasets.signals import Multisine, TabulatedRemnant
 from pilotid.estimate.parts import RemnantEstimate
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of, known_lines
@@ -153,19 +152,6 @@ def drawn_recorder(rng: np.random.Generator) -> Recorder:
         decimals=int(rng.choice([0, 3, 4, 5])),
         makes_error=bool(rng.random() < 0.5),
     )
-
-
-def drawn_faulty_recorder(rng: np.random.Generator) -> Recorder:
-    """The same, of which a sixth records a signal late, and a third filters some signals only."""
-    recorder = drawn_recorder(rng)
-    fault = rng.random()
-    if fault < 1.0 / 6.0:
-        late = ("e", "u", "x", "fd")[int(rng.integers(4))]
-        return replace(recorder, late=((late, 1),))
-    if fault < 0.5:
-        some = (("u",), ("x",), ("e", "x", "ft"), ("u", "x"))[int(rng.integers(4))]
-        return replace(recorder, order=int(rng.choice([2, 4])), filtered=some)
-    return recorder
 
 
 def _rms(signal: FloatArray) -> float:

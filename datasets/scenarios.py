@@ -7,21 +7,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from pilotid.datasets.forcing import (
+from pilotid.datasets.recorder import Recorder, recorded_forcing, recorded_noise, recorded_remnant
+from pilotid.datasets.signals import (
     PERIOD,
     Forcing,
+    Remnant,
     adaptation_target,
     half_and_half_step,
     paper_disturbance,
     paper_target,
+    white,
 )
-from pilotid.datasets.recorder import Recorder, recorded_forcing, recorded_noise, recorded_remnant
-from pilotid.datasets.remnant import Remnant, white
-from pilotid.datasets.violations import ElementChange, Kind, Violation
 from pilotid.element_fit import closing_element
 from pilotid.estimate.estimate import Estimate
 from pilotid.model.catalogue import ADAPTING, MULTI, SINGLE
@@ -39,6 +39,76 @@ PILOT_AT_REST = (0.32, 1.68, 0.39, 12.0, 0.3)
 
 #: Units of signals unless a scenario has others.
 DEGREES = tuple((name, "deg") for name in SIGNALS)
+
+
+Kind = Literal["threshold", "quantised", "saturated"]
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A stick that is not linear, as methods assume.
+
+    Attributes
+    ----------
+    kind
+        ``threshold`` (the control is zero while the command is smaller than `size`),
+        ``quantised`` (the control has steps of `size`), ``saturated`` (it is clipped at plus and
+        minus `size`).
+    size
+        In root mean squares of the linear loop's control.
+    """
+
+    kind: Kind
+    size: float
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(Kind) or not self.size > 0.0:
+            raise ValueError(f"a violation is {', '.join(get_args(Kind))}, of a size above 0")
+
+    def stick(self, command: FloatArray, rms: float) -> FloatArray:
+        """The control that a stick makes of a command.
+
+        Parameters
+        ----------
+        command
+            Command, any shape.
+        rms
+            Root mean square of the linear loop's control, in the command's unit.
+        """
+        size = self.size * rms
+        match self.kind:
+            case "threshold":
+                return np.where(np.abs(command) < size, 0.0, command)
+            case "quantised":
+                return np.asarray(size * np.round(command / size))
+        return np.clip(command, -size, size)
+
+
+@dataclass(frozen=True)
+class ElementChange:
+    """How the coefficients of a controlled element pass to those of another.
+
+    Of N/D and N2/D2, both with a constant numerator, a leading coefficient 1 and the same order,
+    it is the differential equation whose coefficients go along the sigmoid of
+    `pilotid.model.timevarying.Changing`.
+
+    Attributes
+    ----------
+    after
+        What the element becomes.
+    middle
+        Middle of the change, from the start of the measurement window [s].
+    rate
+        Its rate [1/s].
+    """
+
+    after: ControlledElement
+    middle: float
+    rate: float
+
+    def share(self, time: FloatArray) -> FloatArray:
+        """How much of the change has passed at some times [s], 0 to 1, shape (n,)."""
+        return np.asarray(0.5 + 0.5 * np.tanh(0.5 * self.rate * (time - self.middle)))
 
 
 @dataclass(frozen=True)

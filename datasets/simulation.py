@@ -15,13 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.datasets.forcing import Forcing, Multisine
 from pilotid.datasets.recorder import FASTER
-from pilotid.datasets.remnant import UNIT_LEVEL, TabulatedRemnant
 from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.signals import UNIT_LEVEL, Forcing, Multisine, TabulatedRemnant
 from pilotid.datasets.stepping import stepped
 from pilotid.model.factors import Neuromuscular
-from pilotid.model.loops import is_stable, margins, pilot_on, pilot_on_each
+from pilotid.model.loops import is_stable, margins, pilot_on
 from pilotid.recording.recording import Recording
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 
@@ -87,21 +86,13 @@ def require_stable(scenario: Scenario) -> None:
 def remnant_shaping(scenario: Scenario, omega: FloatArray) -> ComplexArray:
     """What makes the remnant at the control of white noise, shape (n,)."""
     shaping = scenario.remnant.filter(omega)
-    match scenario.remnant.enters:
-        case "error":
-            responses = scenario.model.response(omega, scenario.values)
-            return shaping * pilot_on_each(scenario.model, responses)["e"]
-        case "neuromuscular":
-            return shaping * _neuromuscular(scenario, omega)
-    return shaping
-
-
-def _neuromuscular(scenario: Scenario, omega: FloatArray) -> ComplexArray:
+    if scenario.remnant.enters == "control":
+        return shaping
     values = dict(zip(scenario.model.keys, scenario.values, strict=True))
     for factor in (f for channel in scenario.model.channels for f in channel.factors):
         if isinstance(factor, Neuromuscular):
             own = [np.array([values[p.key]]) for p in factor.parameters]
-            return np.asarray(factor.response(np.asarray(1j * omega, dtype=complex), own))
+            return np.asarray(shaping * factor.response(1j * omega, own))
     raise InputError(
         f"scenario {scenario.name}: the remnant cannot enter before the neuromuscular system, "
         f"since model {scenario.model.name} has none"
@@ -143,11 +134,6 @@ def _prepared(scenario: Scenario) -> _Prepared:
     grid = 2 * next_fast_len(samples, real=True)
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(grid, scenario.dt), dtype=float)
     ends = [(closed_loop(end, omega), share) for end, share in scenario.constant_ends]
-    if scenario.model.changes and scenario.remnant.enters == "error":
-        raise InputError(
-            f"scenario {scenario.name}: the remnant cannot enter at the error of a pilot who "
-            "changes; let it enter at the control"
-        )
     shaping = remnant_shaping(scenario.constant_ends[0][0], omega)
     power = sum(share * np.abs(loop.u["remnant"]) ** 2 for loop, share in ends)
     to_u = shaping * np.sqrt(power)

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pilotid.datasets.forcing import Forcing
-from pilotid.datasets.scenarios import Scenario
-from pilotid.datasets.violations import SteppedElement
+from pilotid.datasets.scenarios import ElementChange, Scenario
+from pilotid.datasets.signals import Forcing
+from pilotid.model.element import ControlledElement
 from pilotid.model.model import Channel
 from pilotid.model.timevarying import Changing
 from pilotid.support.types import FloatArray, InputError, IntArray
@@ -30,6 +30,7 @@ STENCILS = {
     1: (1 / 12, -8 / 12, 0.0, 8 / 12, -1 / 12),
     2: (-1 / 12, 16 / 12, -30 / 12, 16 / 12, -1 / 12),
 }
+TERMS = 16  # of the series of an exponential: steps are short beside what the element takes
 BLOCK = 1000  # steps at once, where no channel answers to the loop
 
 
@@ -209,3 +210,82 @@ def _finer(signal: FloatArray, factor: int) -> FloatArray:
 
 def _at(forcing: Forcing | None, time: FloatArray) -> FloatArray:
     return np.zeros(time.size) if forcing is None else forcing.at(time)
+
+
+class SteppedElement:
+    """The answer of an element that changes, in blocks of steps.
+
+    Within a step the coefficients are those at its middle, and the input is straight.
+
+    Parameters
+    ----------
+    before, change
+        The element and what becomes of it.
+    time
+        Times of all steps [s], shape (steps,).
+    """
+
+    def __init__(self, before: ControlledElement, change: ElementChange, time: FloatArray) -> None:
+        h = float(time[1] - time[0])
+        order = len(before.denominator) - 1
+        for element in (before, change.after):
+            if (
+                len(element.numerator) != 1
+                or len(element.denominator) != order + 1
+                or element.denominator[0] != 1.0
+                or element.delay
+            ):
+                raise ValueError(
+                    "elements that change must be a gain over polynomials of one order that begin "
+                    "with 1, without delay"
+                )
+        share = change.share(time + 0.5 * h)
+        # The coefficients keep their value for most of the time.
+        shares, self._which = np.unique(share, return_inverse=True)
+        ends = (before, change.after)
+        gains = np.array([element.numerator[0] for element in ends])
+        lower = np.array([element.denominator[:0:-1] for element in ends])
+        part = np.stack([1.0 - shares, shares], axis=1)
+        # States, input, and its slope: one matrix exponential holds all that a step does.
+        matrix = np.zeros((len(shares), order + 2, order + 2))
+        matrix[:, np.arange(order - 1), np.arange(1, order)] = 1.0
+        matrix[:, order - 1, :order] = -(part @ lower)
+        matrix[:, order - 1, order] = part @ gains
+        matrix[:, order, order + 1] = 1.0 / h
+        steps = _exponential(h * matrix)[:, :order]
+        self._own = np.ascontiguousarray(steps[..., :order].transpose(0, 2, 1))
+        self._by_last = steps[..., order] - steps[..., order + 1]
+        self._by_new = steps[..., order + 1]
+        self._order = order
+        self._now = 0
+        self._state = self._last = np.zeros((0, 0))
+
+    def through(self, signal: FloatArray) -> FloatArray:
+        """The answer to the next block of a signal, shape (runs, steps)."""
+        first = self._now == 0
+        if first:  # all is at rest, and the input begins here
+            self._state, self._last = np.zeros((len(signal), self._order)), signal[:, :1]
+        which = self._which[self._now + first - 1 : self._now + signal.shape[1] - 1]
+        inputs = np.concatenate([self._last, signal], axis=1)[:, first:, None]
+        given = inputs[:, :-1] * self._by_last[which] + inputs[:, 1:] * self._by_new[which]
+        answer = np.empty(signal.shape)
+        state = self._state
+        answer[:, 0] = state[:, 0]
+        for i, (own, part) in enumerate(
+            zip(self._own[which], given.transpose(1, 0, 2), strict=True)
+        ):
+            state = state @ own + part
+            answer[:, i + first] = state[:, 0]
+        self._now += signal.shape[1]
+        self._state, self._last = state, signal[:, -1:]
+        return answer
+
+
+def _exponential(matrices: FloatArray) -> FloatArray:
+    """Exponentials of many small matrices of small steps, shape (n, m, m), by their series."""
+    term = np.broadcast_to(np.eye(matrices.shape[-1]), matrices.shape)
+    total = term.copy()
+    for power in range(1, TERMS + 1):
+        term = term @ matrices / power
+        total += term
+    return total

@@ -12,7 +12,6 @@ from helpers import NOMINAL, PILOTS, Run, strict, without_remnant
 from pilotid.bounds import bounds
 from pilotid.datasets import Scenario, simulate
 from pilotid.datasets.experiments import experiment_of
-from pilotid.datasets.simulation import remnant_shaping
 from pilotid.estimate.applicability import dependent_signals, motionless_input, shared_signals
 from pilotid.estimate.method import Method, identify
 from pilotid.likelihood.prediction import predict
@@ -213,18 +212,6 @@ def test_fourier_gives_the_responses_on_error_and_target(order: int) -> None:
     inside = (response.omega > 0.6) & (response.omega < 12.0)
     off = np.abs(response.value / true - 1.0)[:, inside]
     assert np.median(off, axis=1).max() < 0.05
-
-
-def test_remnant_at_the_error_does_not_pass_the_target_s_channel() -> None:
-    at_error = replace(FOLLOWING, remnant=replace(FOLLOWING.remnant, enters="error"))
-    recording = recording_of(at_error)
-    quiet_one = recording_of(without_remnant(FOLLOWING))
-    # u = Hpe (e + v) + Hpt ft: what is left of u is what the visual channel makes of v alone.
-    omega = 2.0 * np.pi * np.arange(1, 40) / recording.duration
-    shaped = pilot_on_each(PURSUIT, PURSUIT.response(omega, FOLLOWING.values))["e"]
-    expected = at_error.remnant.filter(omega) * shaped
-    np.testing.assert_allclose(remnant_shaping(at_error, omega), expected, rtol=1e-12)
-    assert np.std(recording.u - quiet_one.u) > 0.0
 
 
 # ------------------------------------------------------------------- models of one's own

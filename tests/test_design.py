@@ -29,8 +29,8 @@ from pilotid.datasets.design import (
     sines_of,
 )
 from pilotid.datasets.experiments import experiment_of
-from pilotid.datasets.forcing import Multisine, paper_target
 from pilotid.datasets.named import fitted_scenario
+from pilotid.datasets.signals import Multisine, paper_target
 from pilotid.element_fit import chosen_element
 from pilotid.estimate.fitted import fit_all
 from pilotid.likelihood.settings import BARTLETT_SECONDS

@@ -15,7 +15,7 @@ from helpers import (
 )
 
 from pilotid.datasets import Scenario, scenario_named, simulate
-from pilotid.datasets.remnant import Remnant
+from pilotid.datasets.signals import Remnant
 from pilotid.estimate.estimate import Starts
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction, predict

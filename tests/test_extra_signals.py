@@ -11,7 +11,7 @@ from helpers import Run
 
 from pilotid import Channel, PilotModel, Recording, identify
 from pilotid.checks.checks import remarks
-from pilotid.datasets.forcing import PERIOD, paper_disturbance, paper_target
+from pilotid.datasets.signals import PERIOD, paper_disturbance, paper_target
 from pilotid.estimate.applicability import refusal
 from pilotid.model.factors import Delay, Gain, Lead, Neuromuscular
 from pilotid.recording.files import load_recording, save_recording

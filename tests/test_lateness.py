@@ -15,7 +15,7 @@ from pilotid.checks.checks import exchanged, remarks
 from pilotid.checks.detectors import findings
 from pilotid.checks.timing import shifted
 from pilotid.datasets import POPULATIONS, SCENARIOS, simulate
-from pilotid.datasets.remnant import Remnant
+from pilotid.datasets.signals import Remnant
 from pilotid.element_fit import recording_remarks
 from pilotid.estimate.method import identify
 from pilotid.methods import method_named

@@ -10,8 +10,7 @@ import pytest
 from pilotid.bounds import View, bounds, monic, white_limit
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
-from pilotid.datasets.forcing import PERIOD, paper_disturbance, paper_target
-from pilotid.datasets.remnant import Remnant, white
+from pilotid.datasets.signals import PERIOD, Remnant, paper_disturbance, paper_target, white
 from pilotid.datasets.simulation import white_level
 from pilotid.estimate.method import identify
 from pilotid.likelihood.likelihood import Likelihood

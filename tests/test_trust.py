@@ -13,10 +13,9 @@ from helpers import NOMINAL, Run, recording_of, strict
 
 import pilotid
 from pilotid.datasets import Scenario, simulate
-from pilotid.datasets.forcing import Multisine, half_and_half_step
 from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.datasets.recorder import Recorder
-from pilotid.datasets.remnant import Remnant, TabulatedRemnant
+from pilotid.datasets.signals import Multisine, Remnant, TabulatedRemnant, half_and_half_step
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.parts import Specification
 from pilotid.likelihood.remnant_models import Autoregressive, LowPass, NoiseModel
