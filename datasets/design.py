@@ -299,8 +299,6 @@ def _with_phases(scenario: Scenario, signals: dict[str, Multisine], powers: Floa
         target=made.get("ft"),
         disturbance=made.get("fd"),
         remnant=replace(scenario.remnant, level=gain, level_is="gain"),
-        family="",
-        varied="",
     )
 
 
@@ -370,8 +368,7 @@ def scenario_of_fit(path: Path, scenario: Scenario | None = None) -> Scenario:
     if scenario is None:
         return fitted
     own = {name: getattr(fitted, name) for name in ("model", "truth", "element", "remnant")}
-    name = f"{scenario.name}-{fitted.name}"[:60]
-    return replace(scenario, **own, name=name, family="", varied="")
+    return replace(scenario, **own, name=f"{scenario.name}-{fitted.name}"[:60])
 
 
 # ----------------------------------------------------------------------------------- files

@@ -71,8 +71,6 @@ def _from_catalogue(text: str) -> AnyScenario:
     name, changed = from_catalogue(text, CATALOGUE, "scenario", "NAME")
     if changed == CATALOGUE[name] or changed.name != name:
         return sound(changed)
-    if isinstance(changed, Scenario):
-        changed = replace(changed, family="", varied="")
     return sound(replace(changed, name=name_of(text)))
 
 
@@ -109,7 +107,7 @@ def scenario_json(scenario: Scenario) -> dict[str, Any]:
     if scenario.violation is not None:
         raise InputError(f"scenario {scenario.name}: a design has no violation of assumptions")
     held = plain(scenario)
-    for name in ("class", "violation", "family", "varied", "start_spread", "one_recording"):
+    for name in ("class", "violation", "family", "start_spread", "one_recording"):
         held.pop(name)
     return {**held, "model": scenario.model.name}
 

@@ -90,7 +90,7 @@ class ElementChange:
 
     Of N/D and N2/D2, both with a constant numerator, a leading coefficient 1 and the same order,
     it is the differential equation whose coefficients go along the sigmoid of
-    `pilotid.model.timevarying.Changing`.
+    `pilotid.model.channel.Changing`.
 
     Attributes
     ----------
@@ -144,10 +144,8 @@ class Scenario:
         What stands between the loop and its file; None for nothing.
     units
         Names of signals and their units.
-    family, varied
-        Scenarios of one family differ in one number alone, such as ``runs`` or
-        ``remnant.level``; reports draw errors over it.  Those of the family ``violation``
-        and ``recorder`` differ in that.
+    family
+        ``violation`` or ``recorder`` where a warning is due, empty for others.
     """
 
     name: str
@@ -169,7 +167,6 @@ class Scenario:
     recorder: Recorder | None = None
     units: tuple[tuple[str, str], ...] = DEGREES
     family: str = ""
-    varied: str = ""
 
     @classmethod
     def from_fit(cls, estimate: Estimate, recording: Recording) -> Scenario:
@@ -303,25 +300,14 @@ def _of_the_paper() -> list[Scenario]:
                 f"remnant-{gain:.1f}",
                 f"nominal with remnant gain {gain:.1f} (Figs 6 and 7)",
                 remnant=replace(NOMINAL.remnant, level=gain),
-                family="remnant",
-                varied="remnant.level",
             )
             for gain in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
         ),
         _varied("starts", starts, start_spread=0.4, one_recording=True),
-    ]
-
-
-def _of_several_runs() -> list[Scenario]:
-    return [
-        _varied(
-            f"runs-{runs}",
-            f"nominal with {runs} runs, fitted jointly",
-            runs=runs,
-            family="runs",
-            varied="runs",
-        )
-        for runs in (2, 5, 10)
+        *(
+            _varied(f"runs-{runs}", f"nominal with {runs} runs, fitted jointly", runs=runs)
+            for runs in (2, 5, 10)
+        ),
     ]
 
 
@@ -343,7 +329,6 @@ def _violated() -> list[Scenario]:
 
 
 def _recorded() -> list[Scenario]:
-    nominal = Scenario("nominal", "", family="recorder")
     cases: dict[str, tuple[str, Recorder]] = {
         "noise": (
             "noise of .3 % of the rms on e and x",
@@ -361,9 +346,7 @@ def _recorded() -> list[Scenario]:
         "jitter": ("times of samples that jitter by half an interval", Recorder(jitter=0.5)),
     }
     return [
-        replace(
-            nominal, name=f"recorder-{name}", description=f"nominal with {words}", recorder=recorder
-        )
+        _varied(f"recorder-{name}", f"nominal with {words}", recorder=recorder, family="recorder")
         for name, (words, recorder) in cases.items()
     ]
 
@@ -397,7 +380,6 @@ SCENARIOS: dict[str, Scenario] = {
     s.name: s
     for s in (
         *_of_the_paper(),
-        *_of_several_runs(),
         *_violated(),
         *_recorded(),
         *_changing(),

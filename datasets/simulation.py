@@ -92,7 +92,7 @@ def remnant_shaping(scenario: Scenario, omega: FloatArray) -> ComplexArray:
     for factor in (f for channel in scenario.model.channels for f in channel.factors):
         if isinstance(factor, Neuromuscular):
             own = [np.array([values[p.key]]) for p in factor.parameters]
-            return np.asarray(shaping * factor.response(1j * omega, own))
+            return shaping * np.asarray(factor.response(np.asarray(1j * omega, complex), own))
     raise InputError(
         f"scenario {scenario.name}: the remnant cannot enter before the neuromuscular system, "
         f"since model {scenario.model.name} has none"
@@ -142,7 +142,7 @@ def _prepared(scenario: Scenario) -> _Prepared:
         u_forced, x_forced = (signal[:1] for signal in stepped(scenario, nothing, 1.0))
     else:
         u_forced, x_forced = _forced(scenario, time)
-    level = _level(scenario, shaping, to_u, _window_power(u_forced, run_in))
+    level = _level(scenario, shaping, to_u, float(np.var(u_forced[0, run_in:])))
     target, disturbance = (
         np.zeros(samples) if forcing is None else forcing.at(time)
         for forcing in (scenario.target, scenario.disturbance)
@@ -177,11 +177,6 @@ def _forced(scenario: Scenario, time: FloatArray) -> tuple[FloatArray, FloatArra
     return u[None], x[None]
 
 
-def _window_power(u_forced: FloatArray, run_in: int) -> float:
-    """Variance of the forced control in the window."""
-    return float(np.var(u_forced[0, run_in:]))
-
-
 def _level(
     scenario: Scenario, to_n: ComplexArray, to_u: ComplexArray, forced_power: float
 ) -> float:
@@ -210,16 +205,14 @@ def _power(response: ComplexArray) -> float:
 def remnant_ratio(scenario: Scenario) -> float:
     """Expected power ratio var(n)/var(u) of a scenario."""
     shared = _prepared(scenario)
-    power_n = shared.level**2 * _power(shared.remnant_to_n)
-    power_u = shared.level**2 * _power(shared.remnant_to_u)
-    return power_n / (power_u + _window_power(shared.u_forced, shared.run_in))
+    return shared.level**2 * _power(shared.remnant_to_n) / linear_rms(scenario) ** 2
 
 
 def linear_rms(scenario: Scenario) -> float:
     """Expected root mean square of the control in the window, without any violation."""
     shared = _prepared(scenario)
     of_remnant = shared.level**2 * _power(shared.remnant_to_u)
-    return float(np.sqrt(of_remnant + _window_power(shared.u_forced, shared.run_in)))
+    return float(np.sqrt(of_remnant + np.var(shared.u_forced[0, shared.run_in :])))
 
 
 def white_level(scenario: Scenario) -> float:

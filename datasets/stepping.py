@@ -16,9 +16,8 @@ import numpy as np
 
 from pilotid.datasets.scenarios import ElementChange, Scenario
 from pilotid.datasets.signals import Forcing
+from pilotid.model.channel import Changing, Channel
 from pilotid.model.element import ControlledElement
-from pilotid.model.model import Channel
-from pilotid.model.timevarying import Changing
 from pilotid.support.types import FloatArray, InputError, IntArray
 
 STEP = 0.005  # seconds, at most
@@ -227,22 +226,16 @@ class SteppedElement:
 
     def __init__(self, before: ControlledElement, change: ElementChange, time: FloatArray) -> None:
         h = float(time[1] - time[0])
-        order = len(before.denominator) - 1
-        for element in (before, change.after):
-            if (
-                len(element.numerator) != 1
-                or len(element.denominator) != order + 1
-                or element.denominator[0] != 1.0
-                or element.delay
-            ):
-                raise ValueError(
-                    "elements that change must be a gain over polynomials of one order that begin "
-                    "with 1, without delay"
-                )
+        order, ends = len(before.denominator) - 1, (before, change.after)
+        forms = {(len(e.numerator), len(e.denominator), e.denominator[0], e.delay) for e in ends}
+        if forms != {(1, order + 1, 1.0, 0.0)}:
+            raise ValueError(
+                "elements that change must be a gain over polynomials of one order that begin "
+                "with 1, without delay"
+            )
         share = change.share(time + 0.5 * h)
         # The coefficients keep their value for most of the time.
         shares, self._which = np.unique(share, return_inverse=True)
-        ends = (before, change.after)
         gains = np.array([element.numerator[0] for element in ends])
         lower = np.array([element.denominator[:0:-1] for element in ends])
         part = np.stack([1.0 - shares, shares], axis=1)

@@ -18,14 +18,19 @@ from pilotid.likelihood.prediction import predict
 from pilotid.methods import METHODS, method_named
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
-from pilotid.model.catalogue import LEAD2_LAG, MODELS, PURSUIT, RATE, SINGLE, fault_of, model_named
+from pilotid.model.catalogue import MODELS, SINGLE, fault_of, model_named
+from pilotid.model.channel import Channel
 from pilotid.model.factors import Delay, Gain, Lead, Neuromuscular
 from pilotid.model.loops import loop_slopes, margins, open_loops, pilot_on, pilot_on_each
-from pilotid.model.model import Channel, PilotModel
+from pilotid.model.model import PilotModel
 from pilotid.recording.files import save_recording
 from pilotid.recording.recording import Recording
 from pilotid.support.types import InputError
 from pilotid.testing import check_estimate
+
+LEAD2_LAG = MODELS["lead2-lag"]
+PURSUIT = MODELS["pursuit"]
+RATE = MODELS["rate"]
 
 pytestmark = pytest.mark.numerical
 

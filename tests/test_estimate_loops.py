@@ -253,7 +253,7 @@ def fitted(run: Run, *arguments: object) -> dict[str, dict[str, object]]:
     [
         ("named", [], "recording"),
         ("unnamed", [], "identified"),
-        ("poor", ["--element", "4/(s^2)"], "given"),
+        ("poor", ["--element", "4/s^2"], "given"),
     ],
 )
 def test_fit_writes_loops(

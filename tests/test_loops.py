@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, PILOTS, SINGLE_LOOP
 
-from pilotid.model.catalogue import GAIN_ONLY, MULTI, PURSUIT, SINGLE
+from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.element import (
     ControlledElement,
     double_integrator,
@@ -28,6 +28,9 @@ from pilotid.model.loops import (
 )
 from pilotid.model.model import PilotModel
 from pilotid.support.types import ComplexArray, FloatArray
+
+GAIN_ONLY = MODELS["gain"]
+PURSUIT = MODELS["pursuit"]
 
 pytestmark = pytest.mark.numerical
 

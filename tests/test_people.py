@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from helpers import SINGLE_LOOP, Run
 
-from pilotid.datasets import simulate
+from pilotid.datasets import simulate, stored
 from pilotid.datasets.stored import PEOPLE, fetch, published
 from pilotid.recording.files import save_recording
 from pilotid.support.types import InputError

@@ -22,12 +22,15 @@ from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import BESIDE, predict
 from pilotid.likelihood.prepare import decimation, fast_length, prepare
 from pilotid.likelihood.remnant_models import WHITE, Autoregressive, Whitener
-from pilotid.model.catalogue import MULTI, PRECISION, RATE, SINGLE
+from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.factors import Canals
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import minimise
 from pilotid.support.types import FloatArray
+
+PRECISION = MODELS["precision"]
+RATE = MODELS["rate"]
 
 pytestmark = pytest.mark.numerical
 

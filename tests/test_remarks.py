@@ -15,9 +15,11 @@ from pilotid.estimate.estimate import Estimate, Outcome, symmetric_intervals
 from pilotid.estimate.method import identify
 from pilotid.estimate.warnings import remarks_on
 from pilotid.methods import MLE
-from pilotid.model.catalogue import LEAD_LAG, MULTI, SINGLE
+from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.model import PilotModel
 from pilotid.support.disk import strict_json
+
+LEAD_LAG = MODELS["lead-lag"]
 
 pytestmark = pytest.mark.numerical
 

@@ -10,8 +10,8 @@ import numpy as np
 from pilotid.estimate.applicability import one_signal, shared_signals
 from pilotid.estimate.estimate import Estimate, Outcome, at_bounds
 from pilotid.estimate.quantities import spans_decade
+from pilotid.model.channel import STEEP
 from pilotid.model.factors import Parameter
-from pilotid.model.timevarying import STEEP
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import known_lines
 from pilotid.support.limits import ESTIMATE

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pilotid.model.channel import INPUTS
 from pilotid.model.element import ControlledElement
-from pilotid.model.model import INPUTS, PilotModel
+from pilotid.model.model import PilotModel
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 
 #: Where crossings are looked for [rad/s]: a pilot's loops have none beyond.
