@@ -13,7 +13,7 @@ from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.scenarios import DEGREES, SCENARIOS, Scenario, checked
 from pilotid.datasets.signals import Multisine, Remnant, TabulatedRemnant
 from pilotid.datasets.simulation import remnant_ratio
-from pilotid.estimate.fitted import Fitted
+from pilotid.estimate.method import Fitted
 from pilotid.model.catalogue import model_named
 from pilotid.model.element import ControlledElement
 from pilotid.model.loops import margins

@@ -258,7 +258,7 @@ def test_a_model_in_a_file_of_one_s_own(own: Path) -> None:
     model = model_named(f"{own}:LAGGED")
     assert (model.name, model.keys) == ("lagged", ("Kvis", "tlag", "tdvis", "fnm", "dnm"))
     assert model_named(f"{own}:LAGGED(name=mine)").name == "mine"
-    assert model_named("pilotid.model.catalogue:RATE") is RATE
+    assert model_named("pilotid.model.catalogue:SINGLE") is SINGLE
 
 
 def test_the_command_line_fits_a_model_of_one_s_own(own: Path, run: Run) -> None:
@@ -283,8 +283,8 @@ def test_the_command_line_fits_a_model_of_one_s_own(own: Path, run: Run) -> None
         ("PARTS", "is no PilotModel; write NAME = PilotModel"),
         ("NOTHING", "holds no 'NOTHING'"),
         ("LAGGED(gain=1)", "there is no setting 'gain'; its settings are name"),
-        ("BROKEN", "the response of model broken is no number at its start"),
-        ("RAISING", "model raising gives no response (ZeroDivisionError: no luck)"),
+        ("BROKEN", "the response is not finite at the start values"),
+        ("RAISING", "the model gives no response (ZeroDivisionError: no luck)"),
     ],
 )
 def test_what_is_no_model_is_refused_in_a_sentence(own: Path, text: str, words: str) -> None:

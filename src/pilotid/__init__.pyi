@@ -29,9 +29,9 @@ from pilotid.datasets.signals import Multisine as Multisine
 from pilotid.datasets.signals import Remnant as Remnant
 from pilotid.estimate.estimate import Estimate as Estimate
 from pilotid.estimate.estimate import Outcome as Outcome
+from pilotid.estimate.estimate import load_estimate as load_estimate
+from pilotid.estimate.estimate import save as save
 from pilotid.estimate.method import Method as Method
-from pilotid.estimate.saving import load_estimate as load_estimate
-from pilotid.estimate.saving import save as save
 from pilotid.experiment.experiment import analyse as analyse
 from pilotid.methods.arx import ARX as ARX
 from pilotid.methods.bayes import Bayes as Bayes

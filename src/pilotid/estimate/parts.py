@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import LEVEL
 from pilotid.support.remarks import Grade, Remark
 from pilotid.support.types import ComplexArray, FloatArray
 
@@ -105,10 +104,6 @@ class RemnantEstimate:
             words += f", from {self.parameters['corner']:.2g} rad/s"
         return words
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain objects, as JSON has them."""
-        return plain_fields(self)
-
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
@@ -137,13 +132,6 @@ class FrequencyResponse:
     systematic: FloatArray | None = None
     note: str = ""
 
-    def __post_init__(self) -> None:
-        size = 2 * self.value.size
-        if self.value.ndim != 2 or self.value.shape[1] != self.omega.size:
-            raise ValueError("the response must have the shape (channels, frequencies)")
-        if self.covariance.shape != (size, size):
-            raise ValueError(f"the covariance must have the shape ({size}, {size})")
-
     @property
     def std(self) -> FloatArray:
         """Root mean square of the random error, of value less true value, (channels, n)."""
@@ -153,8 +141,7 @@ class FrequencyResponse:
     def to_dict(self, names: Sequence[str]) -> dict[str, object]:
         """Plain objects, as JSON has them, with the channels by these names."""
         result: dict[str, object] = {"omega": self.omega.tolist()}
-        if self.note:
-            result["note"] = self.note
+        result |= {"note": self.note} if self.note else {}
         for c, name in enumerate(names):
             entry = {
                 "real": self.value[c].real.tolist(),
@@ -223,12 +210,8 @@ class Specification:
     @property
     def sentence(self) -> str:
         """The test in words."""
-        p = f"{self.against} (p = {self.p_value:.2g})"
-        if not self.agrees:
-            return f"specification: disagrees with {p}"
-        if self.p_value < LEVEL:
-            return f"specification: differs at the 5 % level, but not clearly, from {p}"
-        return f"specification: no significant difference from {p}"
+        verb = "consistent with" if self.agrees else "contradicts"
+        return f"specification: {verb} {self.against} (p = {self.p_value:.2g})"
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
@@ -236,15 +219,12 @@ class Specification:
         if self.agrees:
             return ()
         grade: Grade = "wrong" if self.p_value < ESTIMATE.surely_misspecified else "doubt"
-        return (
-            Remark(
-                "misspecified",
-                f"the estimate contradicts the forcing functions (p = {self.p_value:.1g}): the "
-                f"model or the recording is not as the method assumes; fit with {self.against} as "
-                "well, and do not use what differs",
-                grade,
-            ),
+        sentence = (
+            f"the estimate contradicts the forcing functions (p = {self.p_value:.1g}): the model "
+            f"or the recording is not as the method assumes; fit with {self.against} as well, and "
+            "do not use what differs"
         )
+        return (Remark("misspecified", sentence, grade),)
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects."""

@@ -1,4 +1,4 @@
-"""Quantities with errors and intervals: parameters, products of them, and their symbols."""
+"""Quantities with errors and intervals, their symbols, and the draws of a posterior."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pilotid.estimate.draws import TAILS, Draws, shortest_interval
 from pilotid.support.format import Table, decimals, table
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
+    from arviz_base import DataTree
     from pandas import DataFrame
+
+SHARE = 0.95  # of the intervals
+TAILS = (0.5 * (1.0 - SHARE), 0.5 * (1.0 + SHARE))
 
 #: Symbols by key; a number behind a key becomes an index.
 SYMBOLS = {
@@ -83,6 +86,103 @@ def symbol(key: str) -> str:
 def unit_words(unit: str) -> str:
     """A unit as figures have it."""
     return unit.replace("^2", "²")
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Draws of a posterior by ensembles of walkers.
+
+    Attributes
+    ----------
+    keys
+        Names of the parameters, the pilot's first.
+    positive
+        Which of them were sampled by their logarithm, shape (parameters,).
+    values
+        Parameter values, shape (draws, parameters); ensemble by ensemble, in each step by step,
+        in each walker by walker.
+    log_density
+        Of the posterior on the scale it was sampled on, up to a constant, shape (draws,).
+    chains
+        Ensembles, steps of each that were kept, and walkers.
+    effective
+        Effective number of draws of each parameter, shape (parameters,).
+    r_hat
+        Rank-normalised split R-hat across ensembles, shape (parameters,).
+    autocorrelation
+        Integrated autocorrelation time [steps], shape (parameters,).
+    acceptance
+        Share of the proposals that were accepted.
+    converged
+        Whether there are as many effective draws as asked, and the ensembles agree.
+    """
+
+    keys: tuple[str, ...]
+    positive: BoolArray
+    values: FloatArray
+    log_density: FloatArray
+    chains: tuple[int, int, int]
+    effective: FloatArray
+    r_hat: FloatArray
+    autocorrelation: FloatArray
+    acceptance: float
+    converged: bool
+
+    @property
+    def centre(self) -> FloatArray:
+        """Means on the scale of sampling: geometric ones of positive parameters, (parameters,).
+
+        They keep the product of gain and lead time, which is well known, as the product of
+        means does not.
+        """
+        positive = self.positive
+        logs = np.log(np.where(positive, self.values, 1.0))
+        return np.asarray(np.where(positive, np.exp(logs.mean(axis=0)), self.values.mean(axis=0)))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Posterior covariance, shape (parameters, parameters)."""
+        return np.atleast_2d(np.cov(self.values.T, ddof=0))
+
+    @property
+    def equal_tailed(self) -> FloatArray:
+        """95 % intervals with as much outside on either side, shape (parameters, 2)."""
+        return np.quantile(self.values, TAILS, axis=0).T
+
+    @property
+    def highest_density(self) -> FloatArray:
+        """The shortest 95 % intervals, shape (parameters, 2)."""
+        return np.array([shortest_interval(own) for own in self.values.T])
+
+    def thinned(self, count: int) -> FloatArray:
+        """So many draws, evenly from all of them, shape (count, parameters)."""
+        every = (np.arange(count) + 0.5) * (len(self.values) / count)
+        return np.asarray(self.values[every.astype(int)])
+
+    def to_arviz(self) -> DataTree:
+        """The draws for ArviZ: walkers are its chains.
+
+        Raises
+        ------
+        ImportError
+            Without the package arviz-base, which ``pip install 'pilotid[posterior]'`` brings.
+        """
+        from arviz_base import from_dict
+
+        ensembles, steps, walkers = self.chains
+        shaped = self.values.reshape(ensembles, steps, walkers, -1).transpose(0, 2, 1, 3)
+        chains = shaped.reshape(ensembles * walkers, steps, -1)
+        return from_dict({"posterior": {key: chains[..., i] for i, key in enumerate(self.keys)}})
+
+
+def shortest_interval(values: FloatArray) -> FloatArray:
+    """The shortest interval that holds 95 % of values, shape (2,).
+
+    For a density with one mode that is the interval of highest density.
+    """
+    low = np.linspace(0.0, 1.0 - SHARE, 401)
+    ends = np.quantile(values, [low, low + SHARE])
+    return np.asarray(ends[:, int(np.argmin(ends[1] - ends[0]))])
 
 
 UNDETERMINED = "not determined"  # in the place of a value and its error
@@ -211,10 +311,17 @@ def sampled(
 ) -> Quantity:
     """The posterior of a quantity, `positive` or not, from its draws, shape (draws,)."""
     mean, error = float(values.mean()), float(values.std())
-    (low, high), densest = np.quantile(values, TAILS).tolist(), shortest_interval(values)
+    low, high = np.quantile(values, TAILS).tolist()
+    first, last = shortest_interval(values).tolist()
     known = not (positive and spans_decade(low, high))
-    ends = float(densest[0]), float(densest[1])
-    return Quantity(key, unit, mean, error, low, high, known, ends, effective, r_hat)
+    return Quantity(key, unit, mean, error, low, high, known, (first, last), effective, r_hat)
+
+
+def normal(key: str, unit: str, value: float, error: float, *, positive: bool = False) -> Quantity:
+    """A quantity, `positive` or not, with the interval of a normal distribution."""
+    low, high = value - Z95 * error, value + Z95 * error
+    known = not (positive and spans_decade(low, high))
+    return Quantity(key, unit, value, error, low, high, known)
 
 
 #: Gain and lead time of the visual channel are correlated at about -0.99; their product, the
@@ -255,8 +362,7 @@ def combined(
         slope = np.zeros(len(keys))
         slope[i], slope[j] = (1.0, 1.0) if summed else (values[j], values[i])
         error = float(np.sqrt(slope @ covariance @ slope))
-        ends = value - Z95 * error, value + Z95 * error
-        found.append(Quantity(key, "s", value, error, *ends, not spans_decade(*ends)))
+        found.append(normal(key, "s", value, error, positive=True))
     return found
 
 

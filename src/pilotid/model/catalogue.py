@@ -279,10 +279,11 @@ def model_named(text: str) -> PilotModel:
                 "there"
             )
         require_name(own.name, "model")
-        taken_name = MODELS.get(own.name, own) != own
-        fault = "the name of another model" if taken_name else fault_of(own)
+        fault = fault_of(own)
+        if MODELS.get(own.name, own) != own:
+            fault = f"has the name '{own.name}' of another model; give it a name of its own"
         if fault:
-            raise InputError(f"{text}: {own.name}: {fault}")
+            raise InputError(f"{text}: {fault}")
         return own
     name, model = from_catalogue(text, MODELS, "model", "NAME")
     if model != MODELS[name] and model.name == name:
@@ -301,7 +302,8 @@ def fault_of(model: PilotModel) -> str:
         return "the model has no parameter to estimate"
     model = model.constant  # what varies in time is put together of constant factors
     try:
-        response = model.response(TRIED, model.start)
+        with np.errstate(all="ignore"):
+            response = model.response(TRIED, model.start)
     except Exception as error:  # code of others may raise anything
         return f"the model gives no response ({reason(error)})"
     if np.isfinite(response).all():

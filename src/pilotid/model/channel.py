@@ -49,8 +49,6 @@ class Changing:
     fixed_poles = ()
 
     def __post_init__(self) -> None:
-        if not self.factors or not self.changed:
-            raise ValueError("a change needs at least one factor with a parameter")
         for factor in self.factors:
             if not isinstance(factor, Polynomial):
                 raise ValueError(

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from functools import reduce
 from math import factorial
 from operator import add, mul, sub, truediv
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 
@@ -51,8 +52,8 @@ class Ratio:
         In seconds; negative inside an expression only.
     """
 
-    top: FloatArray
-    bottom: FloatArray
+    top: NDArray[np.floating[Any]]
+    bottom: NDArray[np.floating[Any]]
     delay: float = 0.0
 
     def __post_init__(self) -> None:
@@ -85,7 +86,8 @@ class Ratio:
         if np.array_equal(self.bottom, other.bottom):
             return Ratio(np.polyadd(self.top, other.top), self.bottom, self.delay)
         mine, theirs = np.polymul(self.top, other.bottom), np.polymul(other.top, self.bottom)
-        return Ratio(np.polyadd(mine, theirs), np.polymul(self.bottom, other.bottom), self.delay)
+        bottom = np.polymul(self.bottom, other.bottom)
+        return Ratio(np.asarray(np.polyadd(mine, theirs), float), bottom, self.delay)
 
     def __sub__(self, other: Ratio) -> Ratio:
         return self + -other

@@ -127,17 +127,6 @@ def margin(omega: FloatArray, loop: ComplexArray) -> Margin:
     return Margin(float(frequency[0]), float(phase_margin[0]), others)
 
 
-def why_no_crossing(omega: FloatArray, loop: ComplexArray) -> str:
-    """Why a loop has no crossover, in words."""
-    above = np.abs(loop) > 1.0
-    reach = f"between {omega[0]:g} and {omega[-1]:g} rad/s"
-    if not above.any():
-        return f"no crossing: the magnitude stays below one {reach}"
-    if above.all():
-        return f"no crossing: the magnitude stays above one {reach}"
-    return f"no crossing: the magnitude rises through one and never falls {reach}"
-
-
 def margins(
     model: PilotModel, values: FloatArray, element: ControlledElement
 ) -> tuple[Margin, Margin]:

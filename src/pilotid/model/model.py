@@ -375,24 +375,6 @@ class PilotModel:
             raise InputError(f"model {self.name}: no value for {', '.join(missing)}")
         return np.array([float(values[key]) for key in self.keys])
 
-    def responses(self, s: ComplexArray, values: FloatArray) -> list[ComplexArray]:
-        """Each channel's response without its sign, its differentiators, and what varies in time.
-
-        Parameters
-        ----------
-        s
-            Laplace variable [rad/s], shape (n,).
-        values
-            Parameters in model order, shape (parameters,).
-        """
-        result = []
-        for layout in self.layout:
-            response: ComplexArray = np.ones_like(s)
-            for factor, indices in layout:
-                response = response * factor.response(s, [values[i, None] for i in indices])
-            result.append(response)
-        return result
-
     def response(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
         """Frequency response of every channel, without its sign.
 
@@ -410,12 +392,13 @@ class PilotModel:
         """
         self.require_constant()
         s = 1j * np.asarray(omega, dtype=float)
-        return np.array(
-            [
-                response * s**channel.derivative
-                for channel, response in zip(self.channels, self.responses(s, values), strict=True)
-            ]
-        )
+        result = []
+        for channel, layout in zip(self.channels, self.layout, strict=True):
+            response: ComplexArray = np.ones_like(s)
+            for factor, indices in layout:
+                response = response * factor.response(s, [values[i, None] for i in indices])
+            result.append(response * s**channel.derivative)
+        return np.array(result)
 
     def response_and_jacobian(
         self, omega: FloatArray, values: FloatArray
