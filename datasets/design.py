@@ -16,7 +16,7 @@ from zlib import crc32
 
 import numpy as np
 
-from pilotid.bounds import GRID, LineInformation, line_information
+from pilotid.bounds import GRID, line_information
 from pilotid.datasets.experiments import experiment_of, inputs_of
 from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.datasets.scenarios import Scenario
@@ -41,7 +41,6 @@ SAMPLES = 16  # for a period of the highest line, while phases are sought
 TOLERANCE, ITERATIONS = 1e-11, 500
 KEPT = 1e-6  # by how much rounding may exceed a limit
 REFERENCE = {"e": 1.0, "u": 1.0}
-Errors = dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +53,11 @@ class Design:
         The experiment, ready to be simulated, and the scenario that it started from.
     minimise, limits
         What was asked for.
-    errors, reference_errors, twice, five_runs
-        Predicted standard errors as shares of the true values: of the design, of the reference's
-        forcing functions, and of the design in twice the time and in five runs.  They are bounds,
-        and the share that the finite length adds to the errors of `mle`.
+    errors
+        Predicted standard errors as shares of the true values: ``errors`` of the design,
+        ``reference_errors`` of the reference's forcing functions, and of the design in ``twice``
+        the time and in ``five_runs``.  They are bounds, and the share that the finite length adds
+        to the errors of `mle`.
     costs
         Variances of e and u over those of the reference.
     crest
@@ -70,10 +70,7 @@ class Design:
     reference: Scenario
     minimise: str
     limits: Mapping[str, float]
-    errors: Errors
-    reference_errors: Errors
-    twice: Errors
-    five_runs: Errors
+    errors: dict[str, dict[str, float]]
     costs: dict[str, float]
     crest: dict[str, tuple[float, float]]
     binding: tuple[str, ...]
@@ -106,7 +103,7 @@ def design(
 
     keys, signals = scenario.model.keys, sines_of(scenario)
     usual = np.concatenate([0.5 * np.array(sines.amplitudes) ** 2 for sines in signals.values()])
-    told, gains, free = _loop(scenario, signals, usual)
+    (base, by_line), gains, free = _loop(scenario, signals, usual)
     for name, times in limits.items():
         if name not in gains:
             raise InputError(f"there is no limit on {name}: give e, u or both")
@@ -128,22 +125,19 @@ def design(
     if len(wholes) > 1:
         kept.append(LinearConstraint(unit * (wholes[:1] - wholes[1:]), 0.0, 0.0))
     weights = np.array([named.count(key) / len(named) for key in keys])
-    weights /= float(weights @ np.diag(told.covariance(usual)))
-    factors = math.sqrt(told.runs * unit) * told.factors
-    powers = unit * least(
-        told.runs * told.base, factors, None if minimise == "D" else weights, kept
-    )
+    weights /= float(weights @ np.diag(covariance_with(usual, base, by_line)))
+    powers = unit * least(base, unit * by_line, None if minimise == "D" else weights, kept)
     used = left[: len(names)] @ powers / right[: len(names)]
     powers /= max(1.0, float(np.max(used)))  # rounding may leave it just outside
     made = _with_phases(scenario, signals, powers)
 
-    def errors(own: FloatArray, times: float = 1.0, runs: int = scenario.runs) -> Errors:
+    def errors(
+        lines: FloatArray, times: float = 1.0, runs: int = scenario.runs
+    ) -> dict[str, float]:
         """Bounds fall with the root of the time; those of a short recording are too small."""
-        seconds = times * scenario.duration
-        short = 1.0 + BARTLETT_SECONDS / (runs * seconds)
-        factor = short * scenario.runs / (runs * times)
-        found = np.sqrt(factor * np.diag(told.covariance(own)))
-        return dict(zip(keys, found.tolist(), strict=True))
+        short = 1.0 + BARTLETT_SECONDS / (runs * times * scenario.duration)
+        variances = np.diag(covariance_with(lines, base, by_line)) * scenario.runs / (runs * times)
+        return dict(zip(keys, np.sqrt(short * variances).tolist(), strict=True))
 
     crests = zip(signals, map(crest_of, sines_of(made).values()), signals.values(), strict=True)
     return Design(
@@ -151,10 +145,12 @@ def design(
         reference=scenario,
         minimise=minimise,
         limits=limits,
-        errors=errors(powers),
-        reference_errors=errors(usual),
-        twice=errors(powers, times=2.0),
-        five_runs=errors(powers, runs=5),
+        errors={
+            "errors": errors(powers),
+            "reference_errors": errors(usual),
+            "twice": errors(powers, times=2.0),
+            "five_runs": errors(powers, runs=5),
+        },
         costs={name: free[name] + float(gains[name] @ powers) for name in gains},
         crest={name: (crest, crest_of(reference)) for name, crest, reference in crests},
         binding=tuple(n for n, share in zip(names, used, strict=True) if share > 0.999),
@@ -185,9 +181,14 @@ def sines_of(scenario: Scenario) -> dict[str, Multisine]:
 # --------------------------------------------------------------------------------- powers
 
 
+def covariance_with(powers: FloatArray, base: FloatArray, by_line: FloatArray) -> FloatArray:
+    """Covariance of relative errors with lines of these powers, see `line_information`."""
+    return np.asarray(np.linalg.inv(base + np.tensordot(powers, by_line, 1)), dtype=float)
+
+
 def least(
     base: FloatArray,
-    factors: FloatArray,
+    by_line: FloatArray,
     weights: FloatArray | None,
     limits: Sequence[LinearConstraint],
 ) -> FloatArray:
@@ -195,9 +196,9 @@ def least(
 
     Parameters
     ----------
-    base, factors
-        Information without lines, (parameters, parameters), and of each line with unit
-        power, (lines, parameters, 2).
+    base, by_line
+        Information without lines, (parameters, parameters), and of each line with unit power,
+        (lines, parameters, parameters).
     weights
         Of the parameters' variances, shape (parameters,); None for the volume.
     limits
@@ -210,25 +211,23 @@ def least(
     """
     from scipy.optimize import minimize
 
-    forced = factors @ factors.transpose(0, 2, 1)
-
     def cost(powers: FloatArray) -> tuple[float, FloatArray]:
         """Logarithm of the mean variance, or of the volume for one parameter, and its slopes."""
-        covariance = np.linalg.inv(base + np.tensordot(powers, forced, 1))
+        covariance = covariance_with(powers, base, by_line)
         if weights is None:
             value, slopes = np.linalg.slogdet(covariance)[1] / len(base), covariance / len(base)
         else:
             mean = float(weights @ np.diag(covariance))
             value, slopes = math.log(mean), (covariance * weights) @ covariance / mean
-        return float(value), -np.tensordot(forced, slopes, 2)
+        return float(value), -np.tensordot(by_line, slopes, 2)
 
-    start, bounds = np.full(len(forced), 0.5), [(0.0, None)] * len(forced)
+    start, bounds = np.full(len(by_line), 0.5), [(0.0, None)] * len(by_line)
     how: Any = {"method": "SLSQP", "options": {"maxiter": ITERATIONS, "ftol": TOLERANCE}}
-    found = minimize(cost, start, jac=True, bounds=bounds, constraints=limits, **how)
-    outside = max(-np.min(limit.residual(found.x)) for limit in limits)
-    if not (outside < KEPT and math.isfinite(found.fun)):
-        raise InputError(f"no powers of the lines keep these limits ({found.message}); widen them")
-    return np.asarray(np.maximum(found.x, 0.0))
+    end = minimize(cost, start, jac=True, bounds=bounds, constraints=limits, **how)
+    outside = max(-np.min(limit.residual(end.x)) for limit in limits)
+    if not (outside < KEPT and math.isfinite(end.fun)):
+        raise InputError(f"no powers of the lines keep these limits ({end.message}); widen them")
+    return np.asarray(np.maximum(end.x, 0.0))
 
 
 # ------------------------------------------------------------------------ errors and limits
@@ -236,10 +235,11 @@ def least(
 
 def _loop(
     scenario: Scenario, signals: dict[str, Multisine], usual: FloatArray
-) -> tuple[LineInformation, dict[str, FloatArray], dict[str, float]]:
-    """What lines of unit power tell, and the variances of e and u by these and by the remnant.
+) -> tuple[tuple[FloatArray, FloatArray], dict[str, FloatArray], dict[str, float]]:
+    """What the remnant and lines tell, see `line_information`, and what both add to e and u.
 
-    Variances are over those of the reference, whose lines have the powers `usual`.
+    Variances, by lines of unit power and by the remnant, are over those of the reference, whose
+    lines have the powers `usual`.
     """
     experiment, parts = experiment_of(scenario), []
     for name, sines in signals.items():
@@ -380,7 +380,7 @@ def write_files(folder: Path, made: Design, about: dict[str, Any]) -> None:
     The measurement window begins at t = 0.  Before it the signals run on from the run-in's
     beginning, where they are faded in; after it they are faded out.
     """
-    scenario, names = made.scenario, ("errors", "reference_errors", "twice", "five_runs")
+    scenario = made.scenario
     signals = {
         name: {**asdict(sines), "omega": sines.omega.tolist(), "crest_factor": made.crest[name][0]}
         for name, sines in sines_of(scenario).items()
@@ -390,7 +390,8 @@ def write_files(folder: Path, made: Design, about: dict[str, Any]) -> None:
         "objective": {"minimise": made.minimise, "limits": made.limits},
         "reference": made.reference.name,
         "binding": made.binding,
-        **{name: getattr(made, name) for name in (*names, "costs")},
+        **made.errors,
+        "costs": made.costs,
         "signals": signals,
         "scenario": scenario_json(scenario),
     }

@@ -102,7 +102,7 @@ class Recorder:
             signals = {n: np.asarray(sosfiltfilt(sections, s, axis=1)) for n, s in signals.items()}
         for name, noise in zip(("e", "u", "x"), self.noise, strict=True):
             drawn = noise * _rms(signals[name]) * rng.standard_normal(signals[name].shape)
-            signals[name] = self._converted(signals[name] + drawn)
+            signals[name] = self._rounded(signals[name] + drawn, in_file=False)
         for name, count in self.late:
             signals[name] = np.roll(signals[name], count, axis=1)
             signals[name][:, :count] = signals[name][:, count : count + 1]
@@ -113,7 +113,7 @@ class Recorder:
             signals |= {name: signals[name][:, last] for name in ("e", "u", "x")}
         if self.makes_error:
             signals["e"] = signals["ft"] - signals["x"]
-        written: dict[str, Any] = {name: self._written(s) for name, s in signals.items()}
+        written: dict[str, Any] = {n: self._rounded(s, in_file=True) for n, s in signals.items()}
         return replace(loop, dt=FASTER * loop.dt, run_in=loop.run_in // FASTER, **written)
 
     def _sampled(self, name: str, signal: FloatArray, at: IntArray) -> FloatArray:
@@ -125,18 +125,14 @@ class Recorder:
             signal = np.asarray(sosfilt(sections, signal, axis=1, zi=start)[0])
         return signal[:, at]
 
-    def _converted(self, signal: FloatArray) -> FloatArray:
+    def _rounded(self, signal: FloatArray, *, in_file: bool) -> FloatArray:
+        """A signal behind the converter, or in the text file."""
         peak = float(np.abs(signal).max())
-        if not self.bits or peak == 0.0:
+        if not (self.decimals if in_file else self.bits) or peak == 0.0:
             return signal
         step = 2.0 * self.headroom * peak / 2**self.bits
-        return np.asarray(step * np.round(signal / step))
-
-    def _written(self, signal: FloatArray) -> FloatArray:
-        peak = float(np.abs(signal).max())
-        if not self.decimals or peak == 0.0:
-            return signal
-        step = 10.0 ** (math.floor(math.log10(peak)) - self.decimals)
+        if in_file:
+            step = 10.0 ** (math.floor(math.log10(peak)) - self.decimals)
         return np.asarray(step * np.round(signal / step))
 
 

@@ -190,26 +190,18 @@ class Scenario:
             from run to run.
         """
         model, source = estimate.model, recording.source
-        if not estimate.outcome.usable or estimate.remnant is None:
-            why = "has no remnant" if estimate.outcome.usable else estimate.sentence
-            raise InputError(f"{source}: the fit by {estimate.method} cannot be simulated: {why}")
-        if model.changes or model.extra:
-            why = f"acts on {', '.join(model.extra)}" if model.extra else "varies in time"
-            raise InputError(
-                f"{source}: model {model.name} {why}, and its fit cannot be simulated; name a "
-                "model of a constant pilot who acts on e, x and ft"
-            )
         element, unknown = closing_element(recording)
-        if element is None:
-            raise InputError(
-                f"{source}: no controlled element is known, so that the loop cannot be simulated; "
-                "name it, for example --element 4/s^2"
-            )
-        if not is_stable(model, estimate.values, element):
-            raise InputError(
-                f"{source}: the loop of the fitted pilot and {element.name} is unstable and cannot "
-                "be simulated; check the signs of the signals, the element and the model"
-            )
+        why = ""
+        if not estimate.outcome.usable or estimate.remnant is None:
+            why = "it has no remnant" if estimate.outcome.usable else estimate.sentence
+        elif model.changes or model.extra:
+            why = f"model {model.name} varies in time, or acts on more than e, x and ft"
+        elif element is None:
+            why = "no controlled element is known: name it, for example --element 4/s^2"
+        elif not is_stable(model, estimate.values, element):
+            why = f"its loop with {element.name} is unstable: check the signs of the signals"
+        if why or element is None or estimate.remnant is None:
+            raise InputError(f"{source}: the fit by {estimate.method} cannot be simulated: {why}")
 
         def to_control(omega: FloatArray) -> FloatArray:
             loop = element.response(omega) * sum(pilot_on(model, omega, estimate.values))
@@ -398,19 +390,16 @@ def checked(scenario: object) -> Scenario:
     """
     if not isinstance(scenario, Scenario):
         raise InputError(f"{scenario!r}: is no Scenario")
-    if len(scenario.truth) != len(scenario.model.keys):
-        raise InputError(
-            f"scenario {scenario.name}: its truth must be {len(scenario.model.keys)} numbers, for "
-            f"{', '.join(scenario.model.keys)}"
+    model, why = scenario.model, ""
+    if len(scenario.truth) != len(model.keys):
+        why = f"its truth must be {len(model.keys)} numbers, for {', '.join(model.keys)}"
+    elif model.extra:
+        why = f"its model acts on {', '.join(model.extra)}, which no simulation makes"
+    elif not scenario.start_spread and scenario.truth == tuple(model.start):
+        why = (
+            "its truth is the start of its model, which is handed to every method; give the model "
+            "another start (PilotModel.with_start)"
         )
-    if scenario.model.extra:
-        raise InputError(
-            f"scenario {scenario.name}: its model acts on {', '.join(scenario.model.extra)}, which "
-            "no simulation makes; give it one that acts on e, x and ft"
-        )
-    if not scenario.start_spread and scenario.truth == tuple(scenario.model.start):
-        raise InputError(
-            f"scenario {scenario.name}: its truth is the start of its model, which is handed to "
-            "every method; give the model another start (PilotModel.with_start)"
-        )
+    if why:
+        raise InputError(f"scenario {scenario.name}: {why}")
     return scenario

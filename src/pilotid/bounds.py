@@ -128,12 +128,6 @@ class View:
             return self.products(first, second)
         return np.asarray(2.0 * (first.real * self.weights) @ second.real.T)
 
-    def gradient(
-        self, omega: FloatArray, error: ComplexArray, output: ComplexArray, values: FloatArray
-    ) -> ComplexArray:
-        """Derivatives of the predicted control for these inputs, shape (parameters, n)."""
-        return gradient_of(self.experiment.model, omega, error, output, values)
-
     def missed(
         self, omega: FloatArray, error: ComplexArray, output: ComplexArray, values: FloatArray
     ) -> ComplexArray:
@@ -147,12 +141,13 @@ class View:
     ) -> ComplexArray:
         """Gradient of the prediction and, last, the residual, for each unit of remnant."""
         given = omega, circulation.error, circulation.output, values
-        return np.vstack([self.gradient(*given), 1.0 + self.missed(*given)])
+        gradient = gradient_of(self.experiment.model, *given)
+        return np.vstack([gradient, 1.0 + self.missed(*given)])
 
     def line_rows(self, values: FloatArray) -> ComplexArray:
         """Phasors, at the lines, of the gradient of the prediction and, last, the residual."""
         given = self.line_omega, self.line_error, self.line_output, values
-        return np.vstack([self.gradient(*given), self.missed(*given)])
+        return np.vstack([gradient_of(self.experiment.model, *given), self.missed(*given)])
 
     def mean_products(self, values: FloatArray) -> FloatArray:
         """Expected products of the gradient's and the residual's samples, after decimation."""
@@ -196,17 +191,14 @@ class Bounds:
         lines only see it, the remnant's spectrum known.
     low_pass
         All of the record, with the remnant's own parameters estimated too.
-    autoregressive
-        All of the record, with autoregressive coefficients of the remnant estimated too.
     """
 
     full: FloatArray
     forcing: FloatArray
     low_pass: FloatArray
-    autoregressive: FloatArray
 
 
-def bounds(*experiments: Experiment, band: float | None = None, order: int = 8) -> Bounds:
+def bounds(*experiments: Experiment, band: float | None = None) -> Bounds:
     """Cramer-Rao bounds, of several experiments with one pilot together.
 
     Recordings have independent remnants, so that their informations add up, whatever the lines,
@@ -222,49 +214,27 @@ def bounds(*experiments: Experiment, band: float | None = None, order: int = 8) 
         The loops and their excitation, at least one.
     band
         What lies above this frequency [rad/s] is not used; None for the whole record.
-    order
-        Number of the autoregressive coefficients, at the sampling rate of the band.
     """
-    each = [own.runs * _informations(own, band, order) for own in experiments]
-    return Bounds(*map(_inverse, np.sum(each, axis=0)))
+    informations = []
+    for experiment in experiments:
+        view = View(experiment, band)
+        forcing, (free, shape) = _forcing_information(view), _remnant_information(view)
+        full = forcing + view.samples * free
+        informations.append(
+            experiment.runs * np.array([full, forcing, full - view.samples * shape])
+        )
+    return Bounds(*map(_inverse, np.sum(informations, axis=0)))
 
 
-def _informations(experiment: Experiment, band: float | None, order: int) -> FloatArray:
-    """Information of one run: in the order of `Bounds`, shape (4, parameters, parameters)."""
-    view = View(experiment, band)
+def _remnant_information(view: View) -> tuple[FloatArray, FloatArray]:
+    """Information per sample in the circulating remnant, and what its own parameters take of it."""
     circulation = view.circulation
-    gradient = view.gradient(view.omega, circulation.error, circulation.output, experiment.values)
-    forcing = _forcing_information(view)
-    full = forcing + view.samples * view.information(gradient, gradient)
-
-    factor, _ = monic(0.5 * np.log(circulation.density), 2 * GRID)
-    delays = np.exp(-1j * np.pi / view.band * np.outer(np.arange(1, order + 1), view.omega))
-    by_coefficient = -delays * np.exp(factor)
-
-    low_pass = full - view.samples * nuisance_share(view, gradient)
-    autoregressive = full - view.samples * _taken(view, gradient, by_coefficient)
-    return np.array([full, forcing, low_pass, autoregressive])
-
-
-def nuisance_share(view: View, gradient: ComplexArray) -> FloatArray:
-    """Information per sample that the remnant's own parameters take for themselves.
-
-    Forcing functions have no part in it.
-
-    Parameters
-    ----------
-    view
-        The experiment in its band.
-    gradient
-        Derivatives of the predicted control for each unit of remnant, (parameters, n).
-    """
-    by_shape, _ = monic(0.5 * view.circulation.log_slopes, 2 * GRID)
-    return _taken(view, gradient, by_shape)
-
-
-def _taken(view: View, gradient: ComplexArray, nuisance: ComplexArray) -> FloatArray:
-    cross = view.information(gradient, nuisance)
-    return np.asarray(cross @ np.linalg.solve(view.information(nuisance, nuisance), cross.T))
+    given = view.omega, circulation.error, circulation.output, view.experiment.values
+    gradient = gradient_of(view.experiment.model, *given)
+    by_shape, _ = monic(0.5 * circulation.log_slopes, 2 * GRID)
+    cross = view.information(gradient, by_shape)
+    taken = cross @ np.linalg.solve(view.information(by_shape, by_shape), cross.T)
+    return view.information(gradient, gradient), np.asarray(taken)
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,7 +301,8 @@ def white_limit(experiment: Experiment, band: float | None = None) -> WhiteLimit
 def _forcing_information(view: View) -> FloatArray:
     """Information of one run's response to the forcing functions."""
     experiment = view.experiment
-    phasors = view.gradient(view.line_omega, view.line_error, view.line_output, experiment.values)
+    given = view.line_omega, view.line_error, view.line_output, experiment.values
+    phasors = gradient_of(experiment.model, *given)
     whitened = phasors / np.sqrt(view.at_lines.density)
     information = 0.5 * experiment.samples * np.real(whitened @ whitened.conj().T)
     if experiment.transient is None:
@@ -376,70 +347,31 @@ def _inverse(information: FloatArray) -> FloatArray:
     return np.full_like(information, np.nan) if covariance is None else covariance
 
 
-@dataclass(frozen=True, eq=False)
-class LineInformation:
-    """Information on relative parameters: that of the remnant, and that of each line.
-
-    Attributes
-    ----------
-    base
-        Information of one run without forcing functions, the remnant's own parameters
-        estimated too, shape (parameters, parameters).
-    factors
-        Information of a line of unit power is F F', with F of shape (parameters, 2); shape
-        (lines, parameters, 2).
-    runs
-        Runs with independent remnants.
-    """
-
-    base: FloatArray
-    factors: FloatArray
-    runs: int
-
-    def covariance(self, powers: FloatArray) -> FloatArray:
-        """Bound on the covariance of relative errors; NaN where the information is singular.
-
-        Parameters
-        ----------
-        powers
-            Powers of the lines [variance of each line's sine], shape (lines,).
-
-        Returns
-        -------
-        FloatArray
-            Shape (parameters, parameters).
-        """
-        forced = np.einsum("j,jpa,jqa->pq", powers, self.factors, self.factors)
-        return _inverse(self.runs * (self.base + forced))
-
-
 def line_information(
     experiment: Experiment,
     omega: FloatArray,
     error: ComplexArray,
     output: ComplexArray,
-) -> LineInformation:
-    """What lines tell of the parameters of an experiment; its own lines are left aside.
+) -> tuple[FloatArray, FloatArray]:
+    """What the remnant and lines of unit power tell of relative parameters, in all runs.
+
+    The information without forcing functions, the remnant's own parameters estimated too, shape
+    (parameters, parameters); and what each line adds, shape (lines, parameters, parameters).
 
     Parameters
     ----------
     experiment
-        The loop and its remnant.
+        The loop and its remnant; its own lines are left aside.
     omega
         Frequencies of the lines [rad/s], shape (lines,); the same frequency may be there
         twice if the lines do not meet in one run.
     error, output
         Error and output for each unit of a line, shape (lines,).
     """
-    view = View(experiment, None)
-    circulation = view.circulation
-    free = view.gradient(view.omega, circulation.error, circulation.output, experiment.values)
-    base = view.samples * (view.information(free, free) - nuisance_share(view, free))
-    phasors = view.gradient(omega, error, output, experiment.values)
+    view, values = View(experiment, None), experiment.values
+    free, taken = _remnant_information(view)
+    base = experiment.runs * view.samples * (free - taken) * np.outer(values, values)
+    phasors = gradient_of(experiment.model, omega, error, output, values)
     phasors = phasors / np.sqrt(experiment.circulation(omega).density / experiment.samples)
-    phasors = np.where(omega < view.band, phasors, 0.0)
-    factors = np.stack([phasors.real.T, phasors.imag.T], axis=-1)
-    values = experiment.values
-    return LineInformation(
-        base * np.outer(values, values), factors * values[:, None], experiment.runs
-    )
+    inside = np.where(omega < view.band, phasors, 0.0 + 0.0j) * values[:, None]
+    return base, experiment.runs * np.real(np.einsum("pn,qn->npq", inside, inside.conj()))
