@@ -103,19 +103,6 @@ PILOTS = {
         ),
         replace(
             NOMINAL,
-            name="structural",
-            model=MODELS["structural"],
-            truth=(2.2, 0.16, 3.0, 0.7, 10.0, 0.707),
-            element=integrator_with_lag(4.0, 1.5),
-        ),
-        replace(
-            NOMINAL,
-            name="descriptive",
-            model=MODELS["descriptive"],
-            truth=(0.25, 1.4, 0.28, 1.3, 0.22, 0.12, 12.0, 0.3),
-        ),
-        replace(
-            NOMINAL,
             name="pursuit",
             model=MODELS["pursuit"],
             truth=(0.8, 0.35, 0.28, 0.35, 0.16, 0.23, 12.0, 0.35),

@@ -497,23 +497,10 @@ def other_paths(scenario: Scenario, step: float) -> list[tuple[str, Exact, int]]
             leads = np.polymul([v["tlead"], 1.0], [v["tleadlow"], 1.0])
             lags = np.polymul([v["tlag"], 1.0], [v["tlaglow"], 1.0])
             return [path("e", (v["Kvis"] * leads).tolist(), lags.tolist(), v["tdvis"])]
-        case "structural":  # ff (1 + T s) / ((1 + T s) muscle + K ff)
-            closed = np.polyadd(np.polymul([v["tpf"], 1.0], muscle), [v["Kpf"] * ff])
-            top = v["Kvis"] * ff * np.array([v["tpf"], 1.0])
-            return [("e", Exact(top.tolist(), closed.tolist(), step), round(v["tdvis"] / step))]
-        case "descriptive":
-            canals = -v["Kvest"] * np.array([0.1, 1.0, 0.0, 0.0])
-            tilt = np.polymul([0.5, 1.0], [0.016, 1.0]).tolist()
-            return [
-                path("e", [v["Kvis"] * v["tlead"], v["Kvis"]], [1.0], v["tdvis"]),
-                path("x", canals.tolist(), [6.0, 1.0], v["tdvest"]),
-                path("x", [-v["Koto"], -v["Koto"]], tilt, v["tdvest"]),
-            ]
     return [path("ft", [v["Kt"]], [v["tlagt"], 1.0], v["tdt"])]
 
 
-OTHERS = ["preview", "look-ahead", "following", "crossover", "precision", "structural"]
-OTHERS += ["descriptive"]
+OTHERS = ["preview", "look-ahead", "following", "crossover", "precision"]
 
 
 @pytest.mark.parametrize(

@@ -23,12 +23,10 @@ from pilotid.model.factors import (
     Differentiator,
     Factor,
     Gain,
-    InnerLoop,
     Inverse,
     Lag,
     Lead,
     Neuromuscular,
-    Otoliths,
     Parameter,
     Values,
 )
@@ -83,11 +81,9 @@ FACTORS: tuple[Factor, ...] = (
     Differentiator(1),
     Differentiator(2),
     Canals(),
-    Otoliths(),
     Inverse(element_named("6/(s(s+0.5))")),
     Inverse(element_named("3")),
     Neuromuscular(),
-    InnerLoop(Neuromuscular(), (Gain("K", 0.5), Lag())),
     Washout(),
 )
 #: Those that vary in time have no frequency response, see test_changing.

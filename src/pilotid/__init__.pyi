@@ -52,13 +52,11 @@ from pilotid.model.factors import Delay as Delay
 from pilotid.model.factors import Differentiator as Differentiator
 from pilotid.model.factors import Factor as Factor
 from pilotid.model.factors import Gain as Gain
-from pilotid.model.factors import InnerLoop as InnerLoop
 from pilotid.model.factors import Inverse as Inverse
 from pilotid.model.factors import Lag as Lag
 from pilotid.model.factors import Lead as Lead
 from pilotid.model.factors import LookAhead as LookAhead
 from pilotid.model.factors import Neuromuscular as Neuromuscular
-from pilotid.model.factors import Otoliths as Otoliths
 from pilotid.model.factors import Parameter as Parameter
 from pilotid.model.model import PilotModel as PilotModel
 from pilotid.recording.files import (

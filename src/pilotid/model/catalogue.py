@@ -19,14 +19,11 @@ from pilotid.model.factors import (
     Differentiator,
     Factor,
     Gain,
-    InnerLoop,
     Inverse,
     Lag,
     Lead,
     LookAhead,
     Neuromuscular,
-    Otoliths,
-    Parameter,
 )
 from pilotid.model.model import PilotModel
 from pilotid.naming.code import is_place, reason, taken
@@ -161,39 +158,6 @@ _CATALOGUE = (
         ),
         "visual channel with lead-lag equalisation and (1 + tleadlow s)/(1 + tlaglow s), by which "
         "the phase drops at low frequencies (McRuer & Jex 1967)",
-    ),
-    # The form is Hess's; starts and ranges of the inner loop were chosen here.
-    PilotModel(
-        "structural",
-        (
-            _visual(
-                Gain("Kvis", 1.0),
-                Delay("tdvis"),
-                InnerLoop(
-                    Neuromuscular(),
-                    (
-                        Gain("Kpf", 2.0, bounds=(0.01, 100.0)),
-                        Lag("tpf", 0.4, usual=(0.1, 2.0)),
-                    ),
-                ),
-            ),
-        ),
-        "visual gain, and the neuromuscular system in a proprioceptive loop Kpf/(1 + tpf s), which "
-        "takes the place of visual lead (after Hess 1980, 1997)",
-        (Parameter("dnm", "", 0.15, 3.0, 0.5, (0.3, 1.0), last=True),),
-    ),
-    PilotModel(
-        "descriptive",
-        (
-            LED,
-            replace(CANALS, name="canals"),
-            _motion(
-                "otoliths",
-                *(Otoliths(), Gain("Koto", 0.25), Delay("tdvest", 0.2), Neuromuscular()),
-            ),
-        ),
-        "visual channel, semicircular canals on acceleration and otoliths on the tilt, which is "
-        "the output (after Hosman 1996)",
     ),
     PilotModel(
         "pursuit",

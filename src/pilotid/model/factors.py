@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -484,28 +484,6 @@ class Canals(Fixed):
         return [self.tv1, 1.0], [self.tv2, 1.0]
 
 
-@dataclass(frozen=True)
-class Otoliths(Fixed):
-    """Otoliths (1 + to1 s) / ((1 + to2 s) (1 + to3 s)), with fixed time constants.
-
-    The form is that of Hosman (1996); the defaults were chosen here after it, and not held against
-    its text.
-
-    Attributes
-    ----------
-    to1, to2, to3
-        Time constants of the lead and of both lags [s].
-    """
-
-    to1: float = 1.0
-    to2: float = 0.5
-    to3: float = 0.016
-
-    @property
-    def ratio(self) -> Rational:
-        return [self.to1, 1.0], [self.to2 * self.to3, self.to2 + self.to3, 1.0]
-
-
 #: Pole in place of an integrator [rad/s], which no recording is long enough to tell from one.
 ALMOST_INTEGRATOR = 0.01
 
@@ -542,48 +520,6 @@ class Inverse(Fixed):
     def fixed_poles(self) -> tuple[float, ...]:
         is_gain = self.element is not None and self.element.denominator[-1] != 0.0
         return (-ALMOST_INTEGRATOR,) if is_gain else ()
-
-
-@dataclass(frozen=True)
-class InnerLoop(Factor):
-    """A closed loop inside a pilot: H / (1 + H B).
-
-    Attributes
-    ----------
-    forward
-        H, what the loop is closed around.
-    back
-        Factors of B, what is fed back.
-    """
-
-    forward: Factor
-    back: tuple[Factor, ...]
-
-    @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
-        back = (replace(p, linear=False) for factor in self.back for p in factor.parameters)
-        return (*back, *self.forward.parameters)
-
-    def _parts(self, values: Sequence[Any]) -> list[tuple[Factor, Sequence[Any]]]:
-        """The factors of B and then H, each with its own values."""
-        found, begin = [], 0
-        for factor in (*self.back, self.forward):
-            end = begin + len(factor.parameters)
-            found.append((factor, values[begin:end]))
-            begin = end
-        return found
-
-    def response(self, s: ComplexArray, values: Values) -> Response:
-        *back, forward = (factor.response(s, own) for factor, own in self._parts(values))
-        return forward / (1.0 + reduce(np.multiply, back, forward))
-
-    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
-        *back, (above, below) = (f.rational(own, pade_order) for f, own in self._parts(values))
-        top, bottom = np.ones(1), np.ones(1)
-        for numerator, denominator in back:
-            top, bottom = np.convolve(top, numerator), np.convolve(bottom, denominator)
-        closed = np.polyadd(np.polymul(below, bottom), np.polymul(above, top))
-        return np.polymul(above, bottom).tolist(), closed.tolist()
 
 
 @dataclass(frozen=True)
