@@ -20,7 +20,7 @@ from pilotid.bounds import GRID, line_information
 from pilotid.datasets.experiments import experiment_of, inputs_of
 from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.datasets.scenarios import Scenario
-from pilotid.datasets.signals import UNIT_LEVEL, Multisine
+from pilotid.datasets.signals import UNIT_LEVEL, Multisine, samples_of
 from pilotid.datasets.simulation import closed_loop, white_level
 from pilotid.likelihood.settings import BARTLETT_SECONDS
 from pilotid.support.disk import strict_json, table_bytes, write_file
@@ -245,7 +245,7 @@ def _loop(
     for name, sines in signals.items():
         cause = "target" if name == "ft" else "disturbance"
         control = closed_loop(scenario, sines.omega).u[cause]
-        parts.append((sines.omega, *inputs_of(scenario, sines.omega, cause), control))
+        parts.append((*inputs_of(scenario, sines.omega, cause), control))
     omega, e, x, u = map(np.concatenate, zip(*parts, strict=True))
     grid = np.linspace(0.0, np.pi / scenario.dt, GRID + 1)
     remnant = experiment.circulation(grid)
@@ -257,7 +257,7 @@ def _loop(
         by_lines, alone = np.abs(lines) ** 2, float(weights @ np.abs(noisy) ** 2)
         whole = alone + float(by_lines @ usual)
         gains[name], free[name] = by_lines / whole, alone / whole
-    return line_information(experiment, omega, e, x), gains, free
+    return line_information(experiment, (omega, e, x)), gains, free
 
 
 def _ends(signals: dict[str, Multisine]) -> list[int]:
@@ -403,7 +403,6 @@ def write_files(folder: Path, made: Design, about: dict[str, Any]) -> None:
     )
     near = np.clip(np.minimum(time - time[0], time[-1] - time) / FADE, 0.0, 1.0)
     fade = 0.5 - 0.5 * np.cos(np.pi * near)
-    both = [np.zeros(time.size) if forcing is None else fade * forcing.at(time)
-            for forcing in (scenario.target, scenario.disturbance)]  # fmt: skip
+    both = [fade * samples_of(f, time) for f in (scenario.target, scenario.disturbance)]
     rows = [[f"{value + 0.0:.9g}" for value in row] for row in np.column_stack([time, *both])]
     write_file(folder / "forcing.csv", table_bytes(("t", "ft", "fd"), rows))

@@ -258,12 +258,24 @@ class Remnant:
         if self.freedom is not None and self.freedom <= 2.0:
             raise ValueError("a remnant needs more than 2 degrees of freedom to have a variance")
 
-    @property
-    def shaped_by(self) -> tuple[str, ...]:
-        """The attributes that shape the spectrum of a low-pass; none for other shapes."""
-        if self.shape != "low-pass":
-            return ()
-        return ((), ("frequency",), ("frequency", "damping"), ("frequency", "damping"))[self.order]
+    def log_slopes(self, omega: FloatArray) -> FloatArray:
+        """Derivatives of ln(density) by what shapes a low-pass, shape (parameters, n).
+
+        Parameters
+        ----------
+        omega
+            Frequencies [rad/s], shape (n,).
+        """
+        names = ("frequency", "damping")[: self.order] if self.shape == "low-pass" else ()
+        slopes = np.zeros((len(names), omega.size))
+        for slope, name in zip(slopes, names, strict=True):
+            step = 1e-5 * getattr(self, name)
+            ahead, behind = (
+                replace(self, **{name: getattr(self, name) + h}).filter(omega)
+                for h in (step, -step)
+            )
+            slope += np.log(np.abs(ahead / behind)) / step  # of the power: twice the amplitude's
+        return slopes
 
     def filter(self, omega: FloatArray) -> ComplexArray:
         """Frequency response of the shaping filter, shape (n,)."""
@@ -335,11 +347,6 @@ class TabulatedRemnant(Remnant):
     coefficients: int = 0
     band: float = 0.0
 
-    @property
-    def shaped_by(self) -> tuple[str, ...]:
-        """None."""
-        return ()
-
     def filter(self, omega: FloatArray) -> ComplexArray:
         """Root of the density at `omega` [rad/s], shape (n,); powers depend on no phase."""
         log_density = np.interp(omega, self.omega, np.log(self.density), right=-math.inf)
@@ -350,6 +357,11 @@ class TabulatedRemnant(Remnant):
         orders = np.arange(1, self.coefficients + 1)
         turn = np.pi * np.clip(omega / self.band, 0.0, 1.0) if self.band else np.zeros_like(omega)
         return np.asarray(np.cos(np.outer(orders, turn)))
+
+
+def samples_of(forcing: Forcing | None, time: FloatArray) -> FloatArray:
+    """A forcing function at `time` [s], both of shape (times,); zeros for none."""
+    return np.zeros(time.size) if forcing is None else forcing.at(time)
 
 
 def white(ratio: float) -> Remnant:

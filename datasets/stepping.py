@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pilotid.datasets.scenarios import ElementChange, Scenario
-from pilotid.datasets.signals import Forcing
+from pilotid.datasets.signals import samples_of
 from pilotid.model.channel import Changing, Channel
 from pilotid.model.element import ControlledElement
 from pilotid.support.types import FloatArray, InputError, IntArray
@@ -69,7 +69,7 @@ def stepped(
     seen = count + math.ceil(scenario.model.ahead / h)  # the target goes on for who looks ahead
     time = np.arange(seen) * h - (before + round(scenario.run_in / dt)) * dt
     noise = _finer(remnant, fine)[:, np.arange(-before * fine, samples * fine)]
-    target, disturbance = _at(scenario.target, time), _at(scenario.disturbance, time)
+    target, disturbance = samples_of(scenario.target, time), samples_of(scenario.disturbance, time)
 
     pilot = dict(zip(scenario.model.keys, scenario.values.tolist(), strict=True))
     paths = [_Path(channel, pilot, time, h) for channel in scenario.model.channels]
@@ -205,10 +205,6 @@ def _finer(signal: FloatArray, factor: int) -> FloatArray:
     """A periodic signal (runs, samples) at as many times its samples, nothing above its band."""
     length = factor * signal.shape[1]
     return np.asarray(factor * np.fft.irfft(np.fft.rfft(signal), n=length))
-
-
-def _at(forcing: Forcing | None, time: FloatArray) -> FloatArray:
-    return np.zeros(time.size) if forcing is None else forcing.at(time)
 
 
 class SteppedElement:

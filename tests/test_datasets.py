@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -291,17 +290,10 @@ def test_remnant_does_not_wrap_round_the_recording() -> None:
     assert np.std(u[:, 0] - u[:, -1]) > 10.0 * neighbours
 
 
-def test_unstable_scenario_is_refused_with_its_margins() -> None:
+def test_unstable_scenario_is_refused() -> None:
     scenario = replace(NOMINAL, name="wild", element=double_integrator(6.0))
-    with pytest.raises(InputError, match=r"^scenario wild: the closed loop is unstable") as caught:
+    with pytest.raises(InputError, match=r"^scenario wild: the closed loop is unstable"):
         simulate(scenario, rng())
-    message = str(caught.value)
-    assert len(message.splitlines()) == 1
-    numbers = re.findall(r"crossover ([\d.]+) rad/s, phase margin (-?[\d.]+) deg", message)
-    assert [tuple(map(float, pair)) for pair in numbers] == [
-        pytest.approx((6.00, -44.4), abs=0.06),
-        pytest.approx((5.29, -13.3), abs=0.06),
-    ]
 
 
 # ------------------------------------------------------------------ the independent oracle
