@@ -108,11 +108,9 @@ class Population:
         if unknown := set(self.models) - set(MODELS):
             there = ", ".join(MODELS)
             raise ValueError(f"models must be of {there}, not {', '.join(sorted(unknown))}")
-        for name in ("models", "intervals", "runs"):
-            if not getattr(self, name):
-                raise ValueError(f"{name} must not be empty")
-        if not all(x > 0.0 for x in (*self.intervals, *self.durations, *self.runs)):
-            raise ValueError("intervals, durations and runs must be above 0")
+        numbers = (*self.intervals, *self.durations, *self.runs)
+        if not (self.models and self.intervals and self.runs and min(numbers) > 0):
+            raise ValueError("give models, and intervals, durations and runs above 0")
 
     def drawn(self, rng: np.random.Generator) -> Scenario:
         """One scenario of the population; it bears the population's name.

@@ -74,12 +74,6 @@ class Recorder:
     lost: float = 0.0
     jitter: float = 0.0
 
-    def __post_init__(self) -> None:
-        if set(self.filtered) | {name for name, _ in self.late} > set(SIGNALS):
-            raise ValueError(f"signals of a recorder are {', '.join(SIGNALS)}")
-        if min(*self.noise, self.order, self.bits, self.decimals) < 0 or self.headroom < 1.0:
-            raise ValueError("numbers of a recorder must be 0 or more, and its headroom 1 or more")
-
     def recorded(self, loop: Recording, rng: np.random.Generator) -> Recording:
         """What a file holds of a loop that was simulated `FASTER` times as fast.
 

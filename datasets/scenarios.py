@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 
@@ -60,10 +60,6 @@ class Violation:
 
     kind: Kind
     size: float
-
-    def __post_init__(self) -> None:
-        if self.kind not in get_args(Kind) or not self.size > 0.0:
-            raise ValueError(f"a violation is {', '.join(get_args(Kind))}, of a size above 0")
 
     def stick(self, command: FloatArray, rms: float) -> FloatArray:
         """The control that a stick makes of a command.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -253,8 +253,6 @@ class Remnant:
             raise ValueError(f"the remnant filter must be of order 0 to 3, not {self.order}")
         if self.level < 0.0 or (self.level_is == "ratio" and self.level >= 1.0):
             raise ValueError(f"a remnant {self.level_is} of {self.level:g} makes no sense")
-        if self.shape not in get_args(Shape):
-            raise ValueError(f"the remnant's shape must be one of {', '.join(get_args(Shape))}")
         if self.freedom is not None and self.freedom <= 2.0:
             raise ValueError("a remnant needs more than 2 degrees of freedom to have a variance")
 

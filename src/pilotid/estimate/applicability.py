@@ -106,9 +106,8 @@ def varying(model: PilotModel) -> str | None:
     if not model.changes:
         return None
     return (
-        f"model {model.name} varies in time, and this method assumes constant parameters; use a "
-        "method for time-varying models (`pilotid check` lists those that can), or fit a constant "
-        "model"
+        f"model {model.name} varies in time, and this method assumes constant parameters; use mle, "
+        "or fit a constant model"
     )
 
 

@@ -26,7 +26,6 @@ from pilotid.estimate.quantities import (
     Quantity,
     combined,
     frame_of,
-    inseparable,
     quantity_tables,
     spans_decade,
 )
@@ -36,6 +35,7 @@ from pilotid.model.factors import Inverse
 from pilotid.model.model import PilotModel
 from pilotid.support.disk import require_file, strict_json, write_file
 from pilotid.support.format import as_text
+from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
 from pilotid.support.remarks import Remark, remark_of, remarks_json
 from pilotid.support.types import BoolArray, FloatArray, InputError
@@ -206,9 +206,28 @@ class Estimate:
 
     @property
     def inseparable(self) -> list[Pair]:
-        """Pairs of parameters that the recording cannot tell apart."""
-        keys, positive = self.model.keys, self.model.positive
-        return inseparable(keys, positive, self.values, self.covariance, self.draws)
+        """Pairs of parameters that the recording cannot tell apart.
+
+        They are correlated, by the draws where there are some, and one of them is little known.
+        """
+        if not (np.isfinite(self.values).all() and np.isfinite(self.covariance).all()):
+            return []
+        keys, positive = self.model.keys, self.model.positive & (self.values > 0.0)
+        if self.draws is None:
+            scale = np.where(positive, self.values, 1.0)
+            spread = self.covariance / np.outer(scale, scale)
+        else:
+            draws = self.draws.values[:, : len(keys)]
+            inner = np.where(positive, np.log(np.where(positive, draws, 1.0)), draws)
+            spread = np.atleast_2d(np.cov(inner.T, ddof=0))
+        error = np.sqrt(np.diag(spread))
+        if not (error > 0.0).all():
+            return []
+        correlation = spread / np.outer(error, error)
+        relative = np.where(positive, error, error / np.maximum(np.abs(self.values), 1e-9))
+        vague = np.maximum.outer(relative, relative) > ESTIMATE.well_known
+        places = np.argwhere(np.triu(vague & (np.abs(correlation) >= ESTIMATE.collinear), 1))
+        return [Pair(keys[i], keys[j], float(correlation[i, j])) for i, j in places]
 
     @property
     def quantities(self) -> list[Quantity]:
