@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 #: factor is high and which a pilot foresees.
 LINE, FLOOR = 0.14, 0.7
 FADE = 2.0  # s
-NORMS, STEPS, STARTS = (4, 16, 64, 256, 1024), 100, 6
+DRAWS = 5000  # of phases, of which that with the lowest crest factor is taken
 SAMPLES = 16  # for a period of the highest line, while phases are sought
 #: Of the logarithm of the mean variance: where the search for powers ends, and its longest way.
 TOLERANCE, ITERATIONS = 1e-11, 500
@@ -311,36 +311,11 @@ def crest_of(sines: Multisine) -> float:
 
 
 def low_crest(sines: Multisine, rng: np.random.Generator) -> Multisine:
-    """The same lines and amplitudes with phases of low crest, the best of several descents.
-
-    The first of them begins at Schroeder's phases.
-    """
-    from scipy.optimize import minimize
-
+    """The same lines and amplitudes with the phases of lowest crest among many draws."""
     turns, amplitudes = _turns(np.array(sines.lines), SAMPLES), np.array(sines.amplitudes)
-    size = amplitudes / np.sqrt(0.5 * np.sum(amplitudes**2))
-    schroeder = -2.0 * np.pi * np.cumsum(np.cumsum(np.append(0.0, 0.5 * size[:-1] ** 2)))
-
-    def norm(phases: FloatArray, power: int) -> tuple[float, FloatArray]:
-        phasors = size * np.exp(1j * phases)
-        signal = np.imag(phasors @ turns)
-        peak = np.max(np.abs(signal))
-        weight = np.abs(signal / peak) ** (power - 2) * signal
-        total = float(weight @ signal)
-        # ln(norm) has the same minimum, and a scale that does not depend on the power.
-        value = np.log(peak) + np.log(total / peak**2) / power
-        return float(value), np.real(phasors * (turns @ weight)) / total
-
-    found = []
-    for start in (schroeder, *rng.uniform(-np.pi, np.pi, (STARTS - 1, size.size))):
-        phases = start
-        for power in NORMS:
-            phases = minimize(
-                norm, phases, (power,), "BFGS", jac=True, options={"maxiter": STEPS}
-            ).x
-        turned = np.angle(np.exp(1j * phases)).tolist()
-        found.append(replace(sines, phases=tuple(turned)))
-    return min(found, key=crest_of)
+    draws = rng.uniform(-np.pi, np.pi, (DRAWS, amplitudes.size))
+    peaks = [np.max(np.abs(np.imag((amplitudes * np.exp(1j * p)) @ turns))) for p in draws]
+    return replace(sines, phases=tuple(draws[int(np.argmin(peaks))].tolist()))
 
 
 def _turns(lines: FloatArray, density: int) -> ComplexArray:

@@ -180,12 +180,8 @@ def truth(scenario: Scenario) -> dict[str, object]:
         "remnant": {**asdict(scenario.remnant), "expected_power_ratio": remnant_ratio(scenario)},
         "controlled_element": asdict(scenario.element),
     }
-    for name, part in (
-        ("controlled_element_change", scenario.change),
-        ("recorder", scenario.recorder),
-    ):
-        if part is not None:
-            made[name] = asdict(part)
+    further = {"controlled_element_change": scenario.change, "recorder": scenario.recorder}
+    made |= {name: asdict(part) for name, part in further.items() if part is not None}
     for name, (end, _) in zip(("loops", "loops_after_the_change"), scenario.constant_ends):  # noqa: B905
         target, disturbance = margins(end.model, end.values, end.element)
         made[name] = {"target": asdict(target), "disturbance": asdict(disturbance)}

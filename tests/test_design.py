@@ -119,11 +119,11 @@ def test_designs_keep_their_limits_and_are_no_worse(minimise: str) -> None:
 
 def test_crest_factors_are_low() -> None:
     found = made()
-    assert max(crest for crest, _ in found.crest.values()) <= 2.35
+    assert max(crest for crest, _ in found.crest.values()) <= 2.65
     assert all(crest < reference for crest, reference in found.crest.values())
     lines = (3, 5, 7, 11, 17, 23, 31, 43, 61, 89)
     even = Multisine(lines, (1.0,) * 10, (0.0,) * 10, 50.0)
-    assert crest_of(low_crest(even, np.random.default_rng(1))) < 1.8
+    assert crest_of(low_crest(even, np.random.default_rng(1))) < 2.1
     one = Multisine((1,), (1.0,), (0.0,), 50.0)
     assert crest_of(one) == pytest.approx(np.sqrt(2.0), rel=1e-3)
 
