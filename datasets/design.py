@@ -33,13 +33,13 @@ if TYPE_CHECKING:
 #: Largest share of a signal's power at a line, or the reference's share where that is more, and
 #: the least, of the reference's share: without them few lines have all the power, whose crest
 #: factor is high and which a pilot foresees.
-LINE, FLOOR = 0.14, 0.7
+LARGEST_SHARE, LEAST_SHARE = 0.14, 0.7
 FADE = 2.0  # s
 DRAWS = 5000  # of phases, of which that with the lowest crest factor is taken
 SAMPLES = 16  # for a period of the highest line, while phases are sought
 #: Of the logarithm of the mean variance: where the search for powers ends, and its longest way.
 TOLERANCE, ITERATIONS = 1e-11, 500
-KEPT = 1e-6  # by how much rounding may exceed a limit
+ROUNDING = 1e-6  # by how much rounding may exceed a limit
 REFERENCE = {"e": 1.0, "u": 1.0}
 
 
@@ -166,16 +166,16 @@ def sines_of(scenario: Scenario) -> dict[str, Multisine]:
         If they are not sums of sines with whole periods in the window and lines of their own.
     """
     given = {"ft": scenario.target, "fd": scenario.disturbance}
-    found = {name: f for name, f in given.items() if isinstance(f, Multisine)}
-    periods = {sines.period for sines in found.values()}
-    lines = [line for sines in found.values() for line in sines.lines]
+    signals = {name: f for name, f in given.items() if isinstance(f, Multisine)}
+    periods = {sines.period for sines in signals.values()}
+    lines = [line for sines in signals.values() for line in sines.lines]
     whole = len(periods) == 1 and round(own := scenario.duration / min(periods)) >= 1
     if not whole or abs(own - round(own)) > 1e-9 or len(set(lines)) < len(lines):
         raise InputError(
             f"scenario {scenario.name}: a design starts from sums of sines of one period, with "
             "whole periods in the window and no line in both; name nominal, for example"
         )
-    return found
+    return signals
 
 
 # --------------------------------------------------------------------------------- powers
@@ -225,7 +225,7 @@ def least(
     how: Any = {"method": "SLSQP", "options": {"maxiter": ITERATIONS, "ftol": TOLERANCE}}
     end = minimize(cost, start, jac=True, bounds=bounds, constraints=limits, **how)
     outside = max(-np.min(limit.residual(end.x)) for limit in limits)
-    if not (outside < KEPT and math.isfinite(end.fun)):
+    if not (outside < ROUNDING and math.isfinite(end.fun)):
         raise InputError(f"no powers of the lines keep these limits ({end.message}); widen them")
     return np.asarray(np.maximum(end.x, 0.0))
 
@@ -275,7 +275,7 @@ def _spectra(
         whole, shares = own.sum(axis=0), own @ usual
         wholes.append(whole)
         for number, (line, share) in enumerate(zip(own, shares, strict=True)):
-            shapes += [line - max(LINE, share) * whole, FLOOR * share * whole - line]
+            shapes += [line - max(LARGEST_SHARE, share) * whole, LEAST_SHARE * share * whole - line]
             # A hair of room: the reference itself is on all of these limits at once.
             shapes.append(own[number:].sum(axis=0) - (shares[number:].sum() + 1e-6) * whole)
     return np.array(wholes), shapes
@@ -360,7 +360,7 @@ def write_files(folder: Path, made: Design, about: dict[str, Any]) -> None:
         name: {**asdict(sines), "omega": sines.omega.tolist(), "crest_factor": made.crest[name][0]}
         for name, sines in sines_of(scenario).items()
     }
-    held = {
+    content = {
         **about,
         "objective": {"minimise": made.minimise, "limits": made.limits},
         "reference": made.reference.name,
@@ -370,7 +370,7 @@ def write_files(folder: Path, made: Design, about: dict[str, Any]) -> None:
         "signals": signals,
         "scenario": scenario_json(scenario),
     }
-    write_file(folder / "design.json", strict_json(held).encode())
+    write_file(folder / "design.json", strict_json(content).encode())
     time: FloatArray = scenario.dt * np.arange(
         -round(max(scenario.run_in, FADE) / scenario.dt),
         round((scenario.duration + FADE) / scenario.dt) + 1,

@@ -27,7 +27,7 @@ from pilotid.support.types import InputError
 #: the scenario of a replication.
 AnyScenario = Scenario | Population
 
-LARGEST = 2**24  # bytes of a design
+LARGEST_FILE = 2**24  # bytes of a design
 
 #: Scenarios and populations by the name that the command line takes.
 CATALOGUE: dict[str, AnyScenario] = {**SCENARIOS, **POPULATIONS}
@@ -106,10 +106,10 @@ def scenario_json(scenario: Scenario) -> dict[str, Any]:
             raise InputError(f"scenario {scenario.name}: its {name} is no sum of sines")
     if scenario.violation is not None:
         raise InputError(f"scenario {scenario.name}: a design has no violation of assumptions")
-    held = plain(scenario)
+    entry = plain(scenario)
     for name in ("class", "violation", "family", "start_spread", "one_recording"):
-        held.pop(name)
-    return {**held, "model": scenario.model.name}
+        entry.pop(name)
+    return {**entry, "model": scenario.model.name}
 
 
 def fitted_scenario(fitted: Fitted) -> dict[str, Any] | None:
@@ -138,24 +138,24 @@ def designed_scenario(path: Path) -> Scenario:
     """
     from pydantic import TypeAdapter
 
-    require_file(path, LARGEST)
+    require_file(path, LARGEST_FILE)
     try:
-        held = dict(json.loads(path.read_text(encoding="utf-8"))["scenario"])
-        model = model_named(str(held.pop("model")))
+        entry = dict(json.loads(path.read_text(encoding="utf-8"))["scenario"])
+        model = model_named(str(entry.pop("model")))
         kinds: dict[str, Any] = {
             "truth": tuple[float, ...],
             "element": ControlledElement,
-            "remnant": TabulatedRemnant if "density" in held["remnant"] else Remnant,
+            "remnant": TabulatedRemnant if "density" in entry["remnant"] else Remnant,
             "target": Multisine | None,
             "disturbance": Multisine | None,
             "recorder": Recorder | None,
             "units": tuple[tuple[str, str], ...],
         }
-        held = {"units": DEGREES, "recorder": None, **held}
+        entry = {"units": DEGREES, "recorder": None, **entry}
         parts = {
-            name: TypeAdapter(kind).validate_python(held[name]) for name, kind in kinds.items()
+            name: TypeAdapter(kind).validate_python(entry[name]) for name, kind in kinds.items()
         }
-        return Scenario(**{**held, **parts, "model": model})
+        return Scenario(**{**entry, **parts, "model": model})
     except InputError:
         raise
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:

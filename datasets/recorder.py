@@ -24,10 +24,12 @@ from pilotid.support.types import FloatArray, InputError, IntArray
 #: A loop is simulated so many times as fast as it is recorded, so that the filter is that of
 #: continuous signals.
 FASTER = 4
-SAME = 0.02  # rms of the difference of two signals, over their own, up to which they are the same
-RETURN = 5.0  # seconds in which a signal without whole periods returns to where it began
-SMALLEST = 1e-3  # a line is kept if its amplitude is at least this share of the largest one
-QUIET = 1e-4  # share of a signal's rms below which a recorder's noise is left out
+SAME_SIGNAL = (
+    0.02  # rms of the difference of two signals, over their own, up to which they are the same
+)
+RETURN_SECONDS = 5.0  # seconds in which a signal without whole periods returns to where it began
+SMALLEST_LINE = 1e-3  # a line is kept if its amplitude is at least this share of the largest one
+QUIET_NOISE = 1e-4  # share of a signal's rms below which a recorder's noise is left out
 SIGNALS = ("e", "u", "x", "ft", "fd")
 
 
@@ -170,7 +172,7 @@ def recorded_forcing(recording: Recording, name: str) -> Multisine | None:
     if signal is None or _rms(signal) <= 1e-9 * _rms(recording.e if name == "ft" else recording.u):
         return None
     mean = np.mean(signal, axis=0)
-    if _rms(signal - mean) > SAME * _rms(mean):
+    if _rms(signal - mean) > SAME_SIGNAL * _rms(mean):
         raise InputError(
             f"{recording.source}: {name} differs from run to run, so that its runs have no common "
             "scenario; give one run, or runs with the same forcing functions"
@@ -178,9 +180,9 @@ def recorded_forcing(recording: Recording, name: str) -> Multisine | None:
     if (lines := known_lines(recording).get(name)) is not None:
         window = mean[recording.run_in :]
         sines = _sines(window, recording.dt, 0.0, lines)
-        if _rms(sines.at(recording.time) + window.mean() - mean) <= SAME * _rms(mean):
+        if _rms(sines.at(recording.time) + window.mean() - mean) <= SAME_SIGNAL * _rms(mean):
             return sines
-    turn = np.linspace(0.0, math.pi, round(RETURN / recording.dt), endpoint=False)[1:]
+    turn = np.linspace(0.0, math.pi, round(RETURN_SECONDS / recording.dt), endpoint=False)[1:]
     back = mean[-1] + (mean[0] - mean[-1]) * 0.5 * (1.0 - np.cos(turn))
     return _sines(np.append(mean, back), recording.dt, float(recording.time[0]))
 
@@ -189,7 +191,7 @@ def _sines(signal: FloatArray, dt: float, begin: float, lines: IntArray | None =
     """A sampled period that begins at a time [s], without its mean: at lines, or all that count."""
     phasors = 2j * np.fft.rfft(signal)[1 : (signal.size + 1) // 2] / signal.size
     if lines is None:
-        lines = 1 + np.flatnonzero(np.abs(phasors) >= SMALLEST * np.abs(phasors).max())
+        lines = 1 + np.flatnonzero(np.abs(phasors) >= SMALLEST_LINE * np.abs(phasors).max())
     kept = phasors[lines - 1] * np.exp(-2j * math.pi * lines * begin / (signal.size * dt))
     size, phase = np.abs(kept).tolist(), np.angle(kept).tolist()
     return Multisine(tuple(lines.tolist()), tuple(size), tuple(phase), signal.size * dt)
@@ -226,11 +228,15 @@ def recorded_remnant(
 def recorded_noise(recording: Recording) -> Recorder | None:
     """A recorder with the floors of e and x; that of u is part of the remnant's spectrum."""
     floor, nyquist = floors_of(recording).floor, math.pi / recording.dt
-    made = _rms(recording.e + recording.x - recording.input("ft")) < QUIET * _rms(recording.e)
+    made = _rms(recording.e + recording.x - recording.input("ft")) < QUIET_NOISE * _rms(recording.e)
     made = made and recording.ft is not None
     error, output = (
         math.sqrt(floor[name] * nyquist) / max(_rms(getattr(recording, name)), 1e-300)
         for name in ("e", "x")
     )
-    noise = (0.0 if made or error < QUIET else error, 0.0, 0.0 if output < QUIET else output)
+    noise = (
+        0.0 if made or error < QUIET_NOISE else error,
+        0.0,
+        0.0 if output < QUIET_NOISE else output,
+    )
     return Recorder(noise=noise, makes_error=made) if any(noise) else None

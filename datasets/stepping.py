@@ -114,8 +114,8 @@ class _Linear:
             self.top, self.bottom = np.array([top[0] / bottom[0]]), np.ones(1)
             return
         plain = np.trim_zeros(np.asarray(top, dtype=float), "f")
-        found = cont2discrete((plain, np.asarray(bottom, dtype=float)), h, method="foh")
-        self.top, self.bottom = np.ravel(found[0]), np.ravel(found[1])
+        discrete = cont2discrete((plain, np.asarray(bottom, dtype=float)), h, method="foh")
+        self.top, self.bottom = np.ravel(discrete[0]), np.ravel(discrete[1])
 
     def through(self, signal: FloatArray) -> FloatArray:
         """The answer to the next block of a signal, shape (runs, steps)."""

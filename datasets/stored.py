@@ -72,9 +72,9 @@ def load_task(name: str) -> FixedTask:
     """
     if name not in fixed_tasks():
         raise InputError(f"unknown task {name!r:.50}: choose from {', '.join(fixed_tasks())}")
-    held = _known()[name]
-    truth, bound = (np.array([*held[part].values()]) for part in ("truth", "bound"))
-    return FixedTask(load_recording(TASKS / f"{name}.npz"), MODELS[held["model"]], truth, bound)
+    entry = _known()[name]
+    truth, bound = (np.array([*entry[part].values()]) for part in ("truth", "bound"))
+    return FixedTask(load_recording(TASKS / f"{name}.npz"), MODELS[entry["model"]], truth, bound)
 
 
 def reference_posterior(name: str) -> dict[str, FloatArray]:
@@ -88,10 +88,10 @@ def reference_posterior(name: str) -> dict[str, FloatArray]:
     name
         One of `fixed_tasks`.
     """
-    with np.load(TASKS / "posteriors.npz") as held:
+    with np.load(TASKS / "posteriors.npz") as posteriors:
         return {
-            key.removeprefix(f"{name}."): held[key].astype(float)
-            for key in held.files
+            key.removeprefix(f"{name}."): posteriors[key].astype(float)
+            for key in posteriors.files
             if key.startswith(f"{name}.")
         }
 

@@ -18,8 +18,8 @@ import pilotid
 from pilotid.bounds import bounds
 from pilotid.datasets import scenario_named
 from pilotid.datasets.design import (
-    FLOOR,
-    LINE,
+    LARGEST_SHARE,
+    LEAST_SHARE,
     Design,
     crest_of,
     design,
@@ -113,8 +113,8 @@ def test_designs_keep_their_limits_and_are_no_worse(minimise: str) -> None:
         usual = np.array(sines_of(NOMINAL)[name].amplitudes) ** 2
         share, known = powers / powers.sum(), usual / usual.sum()
         assert powers.sum() <= usual.sum() * (1.0 + 1e-6)
-        assert (share >= FLOOR * known * (1.0 - 1e-4)).all()
-        assert (share <= np.maximum(LINE, known) * (1.0 + 1e-4)).all()
+        assert (share >= LEAST_SHARE * known * (1.0 - 1e-4)).all()
+        assert (share <= np.maximum(LARGEST_SHARE, known) * (1.0 + 1e-4)).all()
 
 
 def test_crest_factors_are_low() -> None:

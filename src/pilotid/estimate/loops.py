@@ -38,7 +38,7 @@ NO_CROSSING = (
     f"no crossing: the magnitude does not fall through one between {GRID[0]:g} and {GRID[-1]:g} "
     "rad/s"
 )
-NEAR = 2.0  # times the estimate's crossover; other crossings lie further off
+NEAREST_RATIO = 2.0  # times the estimate's crossover; other crossings lie further off
 
 
 def loops_of(
@@ -181,7 +181,7 @@ def _nearest(loop: ComplexArray, start: float) -> tuple[float, float] | None:
     """Frequency and phase margin of the crossing nearest to `start`; None if none is near."""
     frequency, phase_margin = crossings(COARSE, loop)
     away = np.abs(np.log(frequency / start))
-    near = away <= np.log(NEAR)  # nor is NaN
+    near = away <= np.log(NEAREST_RATIO)  # nor is NaN
     if not near.any():
         return None
     i = int(np.argmin(away))

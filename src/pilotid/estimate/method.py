@@ -275,13 +275,13 @@ class Fitted:
     @property
     def graded(self) -> dict[Remark, str]:
         """All remarks, each once with what it is about, those that say what is wrong first."""
-        found = [("recording", remark_of(remark)) for remark in self.remarks]
-        found += [(e.method, remark_of(remark)) for e in self.estimates for remark in e.remarks]
+        said = [("recording", remark_of(remark)) for remark in self.remarks]
+        said += [(e.method, remark_of(remark)) for e in self.estimates for remark in e.remarks]
         pairs = zip(self.estimates, self.loops, strict=False)
-        found += [(e.method, remark_of(remark)) for e, loops in pairs for remark in loops.remarks]
+        said += [(e.method, remark_of(remark)) for e, loops in pairs for remark in loops.remarks]
         about: dict[Remark, str] = {}
-        for remark in gravest_first(remark for _, remark in found):
-            about[remark] = ", ".join(dict.fromkeys(who for who, own in found if own == remark))
+        for remark in gravest_first(remark for _, remark in said):
+            about[remark] = ", ".join(dict.fromkeys(who for who, other in said if other == remark))
         return about
 
     @property
@@ -313,5 +313,5 @@ def fit_all(
             replace(identify(method, closed, model, fit_rng(seed, label)), method=label)
             for label, method in methods.items()
         )
-    found = (*remarks(closed), *(loop_element.remarks if loop_element else ()))
-    return Fitted(recording, model, estimates, found, loop_element)
+    about_recording = (*remarks(closed), *(loop_element.remarks if loop_element else ()))
+    return Fitted(recording, model, estimates, about_recording, loop_element)

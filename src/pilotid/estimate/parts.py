@@ -13,7 +13,7 @@ from pilotid.support.limits import ESTIMATE
 from pilotid.support.remarks import Grade, Remark
 from pilotid.support.types import ComplexArray, FloatArray
 
-NOTHING = np.zeros(0)
+EMPTY = np.zeros(0)
 
 
 def plain_fields(thing: Any) -> dict[str, object]:
@@ -43,8 +43,8 @@ class AnalysedBand:
 
     highest: float
     likelihood: str = ""
-    omega: FloatArray = field(default_factory=lambda: NOTHING)
-    weights: FloatArray = field(default_factory=lambda: NOTHING)
+    omega: FloatArray = field(default_factory=lambda: EMPTY)
+    weights: FloatArray = field(default_factory=lambda: EMPTY)
     floors: Mapping[str, float] = field(default_factory=dict)
     element: str = ""
 
@@ -57,10 +57,10 @@ class AnalysedBand:
     @property
     def words(self) -> str:
         """What was analysed, in a few words."""
-        told = f"analysed up to {self.highest:.3g} rad/s"
+        words = f"analysed up to {self.highest:.3g} rad/s"
         if self.half < 0.95 * self.highest:
-            told += f", half weight from {self.half:.3g}: the recorder's floor"
-        return told
+            words += f", half weight from {self.half:.3g}: the recorder's floor"
+        return words
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them."""

@@ -67,17 +67,17 @@ SYMBOLS = {
 
 def symbol(key: str) -> str:
     """The symbol of a quantity between dollar signs; a key without one stays as it is."""
-    found = []
+    symbols = []
     for part in re.split(r"([*/+])", key):
         name, index = re.split(r"(\d*)\Z", part, maxsplit=1)[:2]
-        own = SYMBOLS.get(part) or SYMBOLS.get(name)
-        if own is None and part not in ("*", "/", "+"):
+        sign = SYMBOLS.get(part) or SYMBOLS.get(name)
+        if sign is None and part not in ("*", "/", "+"):
             return key
-        if own and index:
-            base, underline, below = own.partition("_")
-            own = f"{base}_{{{below.strip('{}')},{index}}}" if underline else f"{own}_{index}"
-        found.append(own or {"*": r"\,"}.get(part, part))
-    return f"${''.join(found)}$"
+        if sign and index:
+            base, underline, below = sign.partition("_")
+            sign = f"{base}_{{{below.strip('{}')},{index}}}" if underline else f"{sign}_{index}"
+        symbols.append(sign or {"*": r"\,"}.get(part, part))
+    return f"${''.join(symbols)}$"
 
 
 def unit_words(unit: str) -> str:
@@ -344,7 +344,7 @@ def combined(
     draws
         Of the posterior.
     """
-    found = []
+    quantities = []
     for key in COMBINED:
         pair, summed = re.split(r"[*+]", key), "+" in key
         if not set(pair) <= set(keys):
@@ -353,14 +353,14 @@ def combined(
         if draws is not None:
             first, second = draws.values[:, i], draws.values[:, j]
             both = first + second if summed else first * second
-            found.append(sampled(key, "s", both, positive=True))
+            quantities.append(sampled(key, "s", both, positive=True))
             continue
         value = float(values[i] + values[j] if summed else values[i] * values[j])
         slope = np.zeros(len(keys))
         slope[i], slope[j] = (1.0, 1.0) if summed else (values[j], values[i])
         error = float(np.sqrt(slope @ covariance @ slope))
-        found.append(normal(key, "s", value, error, positive=True))
-    return found
+        quantities.append(normal(key, "s", value, error, positive=True))
+    return quantities
 
 
 class Pair(NamedTuple):
@@ -373,9 +373,9 @@ class Pair(NamedTuple):
     @property
     def words(self) -> str:
         """What a user must know, in a sentence."""
-        told = (
+        sentence = (
             f"{self.first} and {self.second} cannot be told apart (correlation "
             f"{self.correlation:.2f}): as far as one of them is wrong, so is the other"
         )
         both = [key for key in COMBINED if {*re.split(r"[*+]", key)} == {*self[:2]}]
-        return f"{told}; report {both[0]}" if both and self.correlation < 0.0 else told
+        return f"{sentence}; report {both[0]}" if both and self.correlation < 0.0 else sentence

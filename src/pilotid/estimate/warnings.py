@@ -19,25 +19,25 @@ from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.types import ComplexArray
 
 #: Codes of what a recording leaves open, which is no fault of recording, model or fit.
-OPEN = (
+LEFT_OPEN = (
     "inseparable", "not-identifiable", "at-bound", "interval-at-bound", "wide-interval",
     "asymmetric-interval",
 )  # fmt: skip
 
 
-NOTHING = 0.05  # %, of a VAF that is shown as 0.0 %
+ZERO_VAF = 0.05  # %, of a VAF that is shown as 0.0 %
 
 
 def all_remarks(estimate: Estimate, recording: Recording) -> tuple[Remark, ...]:
     """What a user must know of an estimate, also for what the recording lacks."""
     low = estimate.outcome.usable and estimate.vaf < ESTIMATE.least_vaf
-    found = remarks_on(estimate, explained_of_forced(recording, estimate) if low else None)
+    remarks = remarks_on(estimate, explained_of_forced(recording, estimate) if low else None)
     if estimate.outcome is Outcome.NOT_APPLICABLE:
-        return found
+        return remarks
     # Without a target the likelihood can have two optima, which no reported error shows.
     why = shared_signals if is_vague(estimate) else one_signal
     shared = why(recording, estimate.model)
-    return (*found, Remark("shared-signals", shared)) if shared else found
+    return (*remarks, Remark("shared-signals", shared)) if shared else remarks
 
 
 def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Remark, ...]:
@@ -46,9 +46,9 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
     `explained` is the share of the control that the model explains [%] where that is known better
     than by the VAF: a slow remnant that the loop suppresses is larger than the control it is in.
     """
-    found = [remark_of(remark) for remark in estimate.remarks]
+    remarks = [remark_of(remark) for remark in estimate.remarks]
     if not estimate.outcome.usable:
-        return tuple(found)
+        return tuple(remarks)
     explained = estimate.vaf if explained is None else explained
     if explained < ESTIMATE.least_vaf:
         sentence = (
@@ -56,15 +56,15 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
             "check whether u, e and x belong together (one shifted in time, a wrong name, a wrong "
             "sign), or choose another model"
         )
-        return (*found, Remark("little-explained", sentence))
-    if estimate.vaf < NOTHING:
+        return (*remarks, Remark("little-explained", sentence))
+    if estimate.vaf < ZERO_VAF:
         sentence = (
             "the simulated response explains nothing of the control (VAF 0 %): a slow remnant "
             "hides it, or the model is wrong; compare with other methods and models"
         )
-        found.append(Remark("little-explained", sentence, "doubt"))
+        remarks.append(Remark("little-explained", sentence, "doubt"))
     return (
-        *found,
+        *remarks,
         *_steps(estimate),
         *_short_delays(estimate),
         *(Remark("inseparable", pair.words) for pair in estimate.inseparable),

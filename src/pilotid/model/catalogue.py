@@ -81,8 +81,8 @@ FEEDFORWARD = _target(
 
 #: How far ahead the two viewpoints of a previewed target lie; the bound keeps the near one near,
 #: or else the two change places.
-FAR = LookAhead("tlookf", 0.8, usual=(0.3, 1.5))
-NEAR = LookAhead("tlookn", 0.25, bounds=(0.0, 0.6), usual=(0.05, 0.5))
+FAR_VIEW = LookAhead("tlookf", 0.8, usual=(0.3, 1.5))
+NEAR_VIEW = LookAhead("tlookn", 0.25, bounds=(0.0, 0.6), usual=(0.05, 0.5))
 
 _CATALOGUE = (
     PilotModel(
@@ -182,13 +182,13 @@ _CATALOGUE = (
         (
             _target(
                 "far",
-                *(*GAIN_AND_LEAD, Gain("Kf", 1.0), Lag("tlagf", 0.3, usual=(0.1, 2.0)), FAR),
+                *(*GAIN_AND_LEAD, Gain("Kf", 1.0), Lag("tlagf", 0.3, usual=(0.1, 2.0)), FAR_VIEW),
             ),
             _motion("feedback", *GAIN_AND_LEAD),
             _target(
                 "near",
                 *(Differentiator(1), Gain("Kn", 0.05), Lag("tlagn", 0.1, usual=(0.02, 0.5))),
-                *(NEAR, *SLOW),
+                *(NEAR_VIEW, *SLOW),
             ),
         ),
         "response Kvis (1 + tlead s) to the target tlookf ahead, low-passed, less the output, and "
@@ -286,7 +286,7 @@ def with_held(models: Iterable[PilotModel], text: str | None) -> list[PilotModel
     InputError
         If the text cannot be read, or says something of a parameter that none of the models has.
     """
-    found = list(models)
+    changed = list(models)
     for pair in (text or "").split(",") if text is not None else ():
         key, _, value = (part.strip() for part in pair.partition("="))
         try:
@@ -296,18 +296,18 @@ def with_held(models: Iterable[PilotModel], text: str | None) -> list[PilotModel
                 f"--fix {text}: '{pair}' is not PARAMETER=NUMBER or PARAMETER=LOWER..UPPER; write "
                 "for example fnm=12,dnm=0.1..0.5"
             ) from None
-        having = [m for m in found if key in m.index]
+        having = [m for m in changed if key in m.index]
         if not having:
-            known = ", ".join(dict.fromkeys(k for m in found for k in m.keys))
+            known = ", ".join(dict.fromkeys(k for m in changed for k in m.keys))
             raise InputError(
                 f"--fix {text}: no model here has a parameter {key}; choose from {known}"
             )
-        found = [
+        changed = [
             m
             if m not in having
             else m.with_fixed(**{key: numbers[0]})
             if len(numbers) == 1
             else m.with_bounds(**{key: (numbers[0], numbers[1])})
-            for m in found
+            for m in changed
         ]
-    return found
+    return changed

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 #: Numerator and denominator coefficients, highest power of s first.
 Rational = tuple[list[float], list[float]]
 
-LONGEST = 200  # characters
-HIGHEST = 12  # degree of a polynomial
+LONGEST_TEXT = 200  # characters
+HIGHEST_POWER = 12  # degree of a polynomial
 
 #: Other signs for the same things; brackets of all kinds are round ones.
-SAME = str.maketrans(
+OTHER_SIGNS = str.maketrans(
     {
         "\N{MINUS SIGN}": "-",
         "\N{MIDDLE DOT}": "*",
@@ -57,8 +57,8 @@ class Ratio:
     delay: float = 0.0
 
     def __post_init__(self) -> None:
-        if max(len(self.top), len(self.bottom)) > HIGHEST + 1:
-            raise ValueError(f"it has powers of s above {HIGHEST}")
+        if max(len(self.top), len(self.bottom)) > HIGHEST_POWER + 1:
+            raise ValueError(f"it has powers of s above {HIGHEST_POWER}")
         if not (np.isfinite(self.top).all() and np.isfinite(self.bottom).all()):
             raise ValueError("a number is too large")
 
@@ -94,8 +94,8 @@ class Ratio:
 
     def __pow__(self, other: Ratio) -> Ratio:
         power = other.constant
-        if power is None or not power.is_integer() or abs(power) > HIGHEST:
-            raise ValueError(f"an exponent is no whole number up to {HIGHEST}")
+        if power is None or not power.is_integer() or abs(power) > HIGHEST_POWER:
+            raise ValueError(f"an exponent is no whole number up to {HIGHEST_POWER}")
         whole = reduce(mul, [self] * int(abs(power)), ONE)
         return whole if power >= 0 else ONE / whole
 
@@ -123,19 +123,19 @@ def transfer_function(text: str) -> Ratio:
     ValueError
         If it is none that a controlled element can have; says where and why, without the text.
     """
-    if len(text) > LONGEST:
-        raise ValueError(f"it is longer than {LONGEST} characters")
-    source = text.rpartition("=")[2].translate(SAME).lower().replace("^", "**").strip()
+    if len(text) > LONGEST_TEXT:
+        raise ValueError(f"it is longer than {LONGEST_TEXT} characters")
+    source = text.rpartition("=")[2].translate(OTHER_SIGNS).lower().replace("^", "**").strip()
     if not source:
         raise ValueError("it is empty")
-    found = _evaluate(_parse(source))
-    if not found.top.any():
+    ratio = _evaluate(_parse(source))
+    if not ratio.top.any():
         raise ValueError("it is zero")
-    if len(found.top) > len(found.bottom):
+    if len(ratio.top) > len(ratio.bottom):
         raise ValueError("it has more zeros than poles, which no element has")
-    if found.delay < 0.0:
+    if ratio.delay < 0.0:
         raise ValueError("its delay is negative: write exp(-0.1s) for one of 0.1 s")
-    return found
+    return ratio
 
 
 def _parse(source: str) -> ast.expr:
@@ -302,15 +302,15 @@ def parsed_element(text: str) -> ControlledElement | None:
 def element_named(text: str) -> ControlledElement:
     """As `parsed_element`; `InputError` for a text that is none, which says where."""
     try:
-        found = transfer_function(text)
+        ratio = transfer_function(text)
     except ValueError as error:
         raise InputError(
             f"the controlled element '{text}' cannot be read: {error}; write for example 4/s^2 or "
             "4 exp(-0.05s)/(s(1+s/30)^2)"
         ) from None
     name = re.sub(r"\s", "", text.rpartition("=")[2])
-    top, bottom = found.top.tolist(), found.bottom.tolist()
-    return ControlledElement(tuple(top), tuple(bottom), found.delay, name)
+    top, bottom = ratio.top.tolist(), ratio.bottom.tolist()
+    return ControlledElement(tuple(top), tuple(bottom), ratio.delay, name)
 
 
 def as_element(element: ControlledElement | str) -> ControlledElement:

@@ -90,7 +90,7 @@ class Parameter:
 
 #: Step of central differences, as a share of the parameter: the cube root of the precision; and
 #: the least value that it is a share of.
-STEP, LEAST = 6e-6, 1e-4
+STEP, LEAST_VALUE = 6e-6, 1e-4
 
 
 class Factor:
@@ -175,7 +175,7 @@ class Factor:
         # Where there is no response, as of a washout at rest, its logarithm has no slope.
         inverse = 1.0 / np.where(response == 0.0, 1.0, response)
         for i, value in enumerate(values):
-            step = STEP * np.maximum(np.abs(value), LEAST)
+            step = STEP * np.maximum(np.abs(value), LEAST_VALUE)
             ahead, behind = (
                 self.response(s, [*values[:i], value + own, *values[i + 1 :]])
                 for own in (step, -step)

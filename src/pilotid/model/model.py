@@ -71,15 +71,15 @@ class PilotModel:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Free parameters, in order of appearance, neuromuscular ones last."""
-        found: dict[str, Parameter] = {}
+        by_key: dict[str, Parameter] = {}
         for parameter in (p for c in self.channels for f in c.factors for p in f.parameters):
-            if found.setdefault(parameter.key, parameter) != parameter:
+            if by_key.setdefault(parameter.key, parameter) != parameter:
                 raise ValueError(
                     f"model {self.name}: the two factors that share parameter {parameter.key} "
                     "must give it the same unit, bounds and start"
                 )
-        found |= {p.key: p for p in self.overrides if p.key in found}
-        return tuple(sorted(found.values(), key=lambda p: p.last))
+        by_key |= {p.key: p for p in self.overrides if p.key in by_key}
+        return tuple(sorted(by_key.values(), key=lambda p: p.last))
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -275,17 +275,17 @@ class PilotModel:
             for factor, indices in self.moving
         ]
 
-    def responses_of(self, found: Sequence[Evaluated]) -> list[Response]:
+    def responses_of(self, evaluated: Sequence[Evaluated]) -> list[Response]:
         """Per channel, the response of all its dynamics that have parameters.
 
         Parameters
         ----------
-        found
+        evaluated
             What `evaluated` gave; each response has the shape of those there.
         """
         one = np.ones((1, 1))
         return [
-            reduce(np.multiply, [found[place][0] for place in places] or [one])
+            reduce(np.multiply, [evaluated[place][0] for place in places] or [one])
             for places in self.places
         ]
 
@@ -360,13 +360,13 @@ class PilotModel:
         """
         if not self.changes:
             return []
-        (middle, rate), found = self.change, []
+        (middle, rate), sets = self.change, []
         for shift in SHIFTS:
             moved = values.copy()
             moved[middle] = np.clip(values[middle] + shift, self.lower[middle], self.upper[middle])
             moved[rate] = STEEP
-            found.append(moved)
-        return found
+            sets.append(moved)
+        return sets
 
     def vector(self, values: Mapping[str, float]) -> FloatArray:
         """Parameter values by key as a vector in model order, shape (parameters,)."""
@@ -445,14 +445,16 @@ class PilotModel:
         ]
 
         def rows(values: FloatArray) -> ComplexArray:
-            found = self.evaluated(s, values)
+            evaluated = self.evaluated(s, values)
             shape = (len(every), values.shape[-1] + 1, s.size)
             result = np.zeros((*values.shape[:-1], *shape), dtype=complex)
             for c, (places, fixed) in enumerate(zip(self.places, every, strict=True)):
-                response = reduce(np.multiply, [found[place][0] for place in places], fixed)
+                response = reduce(np.multiply, [evaluated[place][0] for place in places], fixed)
                 result[..., c, -1, :] = response
                 for place in places:
-                    for index, slope in zip(self.moving[place][1], found[place][1], strict=True):
+                    for index, slope in zip(
+                        self.moving[place][1], evaluated[place][1], strict=True
+                    ):
                         result[..., c, index, :] += slope * response
             return result
 
