@@ -1,6 +1,6 @@
 """Simulated data sets whose truth is known."""
 
-from pilotid.datasets.named import CATALOGUE, AnyScenario, scenario_named, scenarios_named
+from pilotid.datasets.named import CATALOGUE, AnyScenario, scenario_named
 from pilotid.datasets.population import POPULATIONS, Population
 from pilotid.datasets.scenarios import SCENARIOS, Scenario
 from pilotid.datasets.simulation import simulate
@@ -18,6 +18,5 @@ __all__ = [
     "load_task",
     "reference_posterior",
     "scenario_named",
-    "scenarios_named",
     "simulate",
 ]

@@ -33,14 +33,14 @@ LARGEST_FILE = 2**24  # bytes of a design
 CATALOGUE: dict[str, AnyScenario] = {**SCENARIOS, **POPULATIONS}
 
 
-def scenarios_named(text: str) -> list[AnyScenario]:
-    """The scenarios and populations that a text names.
+def scenario_named(text: str) -> AnyScenario:
+    """The scenario or population that a text names.
 
     Parameters
     ----------
     text
         ``nominal``, ``nominal(runs=3)``, the ``design.json`` of a design, or ``file.py:NAME`` or
-        ``package.module:NAME`` for a scenario, a population or a list of them.
+        ``package.module:NAME``.
 
     Raises
     ------
@@ -48,26 +48,12 @@ def scenarios_named(text: str) -> list[AnyScenario]:
         If there is none; the message lists the names there are.
     """
     if text.strip().lower().endswith(".json"):
-        return [sound(designed_scenario(Path(text.strip())))]
-    if not is_place(text):
-        return [_from_catalogue(text)]
-    thing = taken(text)
-    own = list(thing) if isinstance(thing, list | tuple) else [thing]
-    if not own or not all(isinstance(each, AnyScenario) for each in own):
-        raise InputError(f"{text}: is no Scenario, no Population and no list of them")
-    return [sound(each) for each in own]
-
-
-def scenario_named(text: str) -> AnyScenario:
-    """The one scenario that a text names, see `scenarios_named`."""
-    first, *others = scenarios_named(text)
-    if others:
-        names = ", ".join(scenario.name for scenario in (first, *others))
-        raise InputError(f"{text}: holds several scenarios ({names}); name one of them")
-    return first
-
-
-def _from_catalogue(text: str) -> AnyScenario:
+        return sound(designed_scenario(Path(text.strip())))
+    if is_place(text):
+        thing = taken(text)
+        if not isinstance(thing, AnyScenario):
+            raise InputError(f"{text}: is no Scenario and no Population")
+        return sound(thing)
     name, changed = from_catalogue(text, CATALOGUE, "scenario", "NAME")
     if changed == CATALOGUE[name] or changed.name != name:
         return sound(changed)
