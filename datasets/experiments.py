@@ -32,23 +32,14 @@ def experiment_of(scenario: Scenario) -> Experiment:
         If the loop is unstable, if there is no remnant, if a multisine and another kind of
         forcing function occur together, or if that other kind starts during the run-in.
     """
-    if scenario.changes:
-        raise InputError(
-            f"scenario {scenario.name}: what changes in time has no spectra; use bound_of"
-        )
-    level = white_level(scenario)
-    if level == 0.0:
-        raise InputError(f"scenario {scenario.name}: without a remnant every bound is zero")
-    forcing = [
-        (f, cause)
-        for f, cause in ((scenario.target, "target"), (scenario.disturbance, "disturbance"))
-        if f is not None
-    ]
+    level = _level(scenario)
+    both = ((scenario.target, "target"), (scenario.disturbance, "disturbance"))
+    forcing = [(f, cause) for f, cause in both if f is not None]
     sines = [(f, cause) for f, cause in forcing if isinstance(f, Multisine)]
-    if sines and len(sines) < len(forcing):
+    if scenario.changes or (sines and len(sines) < len(forcing)):
         raise InputError(
             f"scenario {scenario.name}: bounds for a multisine together with another kind of "
-            "forcing function are not implemented"
+            "forcing function, or of what changes in time, are not implemented"
         )
     return Experiment(
         model=scenario.model,
@@ -60,6 +51,12 @@ def experiment_of(scenario: Scenario) -> Experiment:
         lines=_phasors(scenario, sines),
         transient=_transient(scenario) if len(forcing) > len(sines) else None,
     )
+
+
+def _level(scenario: Scenario) -> float:
+    if level := white_level(scenario):
+        return level
+    raise InputError(f"scenario {scenario.name}: without a remnant every bound is zero")
 
 
 def _phasors(scenario: Scenario, sines: Sequence[tuple[Multisine, str]]) -> Inputs:
@@ -114,9 +111,7 @@ def _transient(scenario: Scenario) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _bound(scenario: Scenario) -> tuple[float, ...]:
-    level = white_level(scenario)
-    if level == 0.0:
-        raise InputError(f"scenario {scenario.name}: without a remnant every bound is zero")
+    level = _level(scenario)
     rng = np.random.default_rng(SEED)
     count = len(scenario.truth)
     information = np.zeros((count, count))

@@ -97,8 +97,6 @@ class _Prepared:
 
     time: FloatArray
     run_in: int
-    target: FloatArray
-    disturbance: FloatArray
     u_forced: FloatArray
     x_forced: FloatArray
     remnant_to_n: ComplexArray
@@ -138,8 +136,6 @@ def _prepared(scenario: Scenario) -> _Prepared:
     return _Prepared(
         time,
         run_in,
-        samples_of(scenario.target, time),
-        samples_of(scenario.disturbance, time),
         u_forced,
         x_forced,
         shaping,
@@ -238,7 +234,7 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
         faster = replace(scenario, dt=scenario.dt / FASTER, recorder=None)
         return scenario.recorder.recorded(simulate(faster, rng), rng)
     shared = _prepared(scenario)
-    samples = shared.time.size
+    samples, target = shared.time.size, samples_of(scenario.target, shared.time)
     noise = shared.level * scenario.remnant.white_noise(rng, (scenario.runs, shared.grid))
     spectrum = np.fft.rfft(noise) * shared.remnant_to_n
     if scenario.changes or scenario.violation is not None:
@@ -249,11 +245,11 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
     forcing = {"ft": scenario.target, "fd": scenario.disturbance}
     return Recording(
         dt=scenario.dt,
-        e=shared.target - x,
+        e=target - x,
         u=u,
         x=x,
-        ft=shared.target[None],
-        fd=shared.disturbance[None],
+        ft=target[None],
+        fd=samples_of(scenario.disturbance, shared.time)[None],
         run_in=shared.run_in,
         lines={
             name: lines_in(f, scenario.duration) for name, f in forcing.items() if f is not None

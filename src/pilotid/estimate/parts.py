@@ -142,15 +142,10 @@ class FrequencyResponse:
         """Plain objects, as JSON has them, with the channels by these names."""
         result: dict[str, object] = {"omega": self.omega.tolist()}
         result |= {"note": self.note} if self.note else {}
+        parts = {"real": self.value.real, "imag": self.value.imag, "std": self.std}
+        parts |= {} if self.systematic is None else {"systematic": self.systematic}
         for c, name in enumerate(names):
-            entry = {
-                "real": self.value[c].real.tolist(),
-                "imag": self.value[c].imag.tolist(),
-                "std": self.std[c].tolist(),
-            }
-            if self.systematic is not None:
-                entry["systematic"] = self.systematic[c].tolist()
-            result[name] = entry
+            result[name] = {part: values[c].tolist() for part, values in parts.items()}
         return result
 
 
