@@ -16,12 +16,11 @@ from zlib import crc32
 
 import numpy as np
 
-from pilotid.bounds import GRID, LineInformation, line_information
+from pilotid.bounds import GRID, line_information
 from pilotid.datasets.experiments import experiment_of, inputs_of
-from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.named import designed_scenario, scenario_json
-from pilotid.datasets.remnant import UNIT_LEVEL
 from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.signals import UNIT_LEVEL, Multisine, samples_of
 from pilotid.datasets.simulation import closed_loop, white_level
 from pilotid.likelihood.settings import BARTLETT_SECONDS
 from pilotid.support.disk import strict_json, table_bytes, write_file
@@ -34,15 +33,14 @@ if TYPE_CHECKING:
 #: Largest share of a signal's power at a line, or the reference's share where that is more, and
 #: the least, of the reference's share: without them few lines have all the power, whose crest
 #: factor is high and which a pilot foresees.
-LINE, FLOOR = 0.14, 0.7
+LARGEST_SHARE, LEAST_SHARE = 0.14, 0.7
 FADE = 2.0  # s
-NORMS, STEPS, STARTS = (4, 16, 64, 256, 1024), 100, 6
+DRAWS = 5000  # of phases, of which that with the lowest crest factor is taken
 SAMPLES = 16  # for a period of the highest line, while phases are sought
 #: Of the logarithm of the mean variance: where the search for powers ends, and its longest way.
 TOLERANCE, ITERATIONS = 1e-11, 500
-KEPT = 1e-6  # by how much rounding may exceed a limit
+ROUNDING = 1e-6  # by how much rounding may exceed a limit
 REFERENCE = {"e": 1.0, "u": 1.0}
-Errors = dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +53,11 @@ class Design:
         The experiment, ready to be simulated, and the scenario that it started from.
     minimise, limits
         What was asked for.
-    errors, reference_errors, twice, five_runs
-        Predicted standard errors as shares of the true values: of the design, of the reference's
-        forcing functions, and of the design in twice the time and in five runs.  They are bounds,
-        and the share that the finite length adds to the errors of `mle`.
+    errors
+        Predicted standard errors as shares of the true values: ``errors`` of the design,
+        ``reference_errors`` of the reference's forcing functions, and of the design in ``twice``
+        the time and in ``five_runs``.  They are bounds, and the share that the finite length adds
+        to the errors of `mle`.
     costs
         Variances of e and u over those of the reference.
     crest
@@ -71,10 +70,7 @@ class Design:
     reference: Scenario
     minimise: str
     limits: Mapping[str, float]
-    errors: Errors
-    reference_errors: Errors
-    twice: Errors
-    five_runs: Errors
+    errors: dict[str, dict[str, float]]
     costs: dict[str, float]
     crest: dict[str, tuple[float, float]]
     binding: tuple[str, ...]
@@ -107,7 +103,7 @@ def design(
 
     keys, signals = scenario.model.keys, sines_of(scenario)
     usual = np.concatenate([0.5 * np.array(sines.amplitudes) ** 2 for sines in signals.values()])
-    told, gains, free = _loop(scenario, signals, usual)
+    (base, by_line), gains, free = _loop(scenario, signals, usual)
     for name, times in limits.items():
         if name not in gains:
             raise InputError(f"there is no limit on {name}: give e, u or both")
@@ -129,22 +125,19 @@ def design(
     if len(wholes) > 1:
         kept.append(LinearConstraint(unit * (wholes[:1] - wholes[1:]), 0.0, 0.0))
     weights = np.array([named.count(key) / len(named) for key in keys])
-    weights /= float(weights @ np.diag(told.covariance(usual)))
-    factors = math.sqrt(told.runs * unit) * told.factors
-    powers = unit * least(
-        told.runs * told.base, factors, None if minimise == "D" else weights, kept
-    )
+    weights /= float(weights @ np.diag(covariance_with(usual, base, by_line)))
+    powers = unit * least(base, unit * by_line, None if minimise == "D" else weights, kept)
     used = left[: len(names)] @ powers / right[: len(names)]
     powers /= max(1.0, float(np.max(used)))  # rounding may leave it just outside
     made = _with_phases(scenario, signals, powers)
 
-    def errors(own: FloatArray, times: float = 1.0, runs: int = scenario.runs) -> Errors:
+    def errors(
+        lines: FloatArray, times: float = 1.0, runs: int = scenario.runs
+    ) -> dict[str, float]:
         """Bounds fall with the root of the time; those of a short recording are too small."""
-        seconds = times * scenario.duration
-        short = 1.0 + BARTLETT_SECONDS / (runs * seconds)
-        factor = short * scenario.runs / (runs * times)
-        found = np.sqrt(factor * np.diag(told.covariance(own)))
-        return dict(zip(keys, found.tolist(), strict=True))
+        short = 1.0 + BARTLETT_SECONDS / (runs * times * scenario.duration)
+        variances = np.diag(covariance_with(lines, base, by_line)) * scenario.runs / (runs * times)
+        return dict(zip(keys, np.sqrt(short * variances).tolist(), strict=True))
 
     crests = zip(signals, map(crest_of, sines_of(made).values()), signals.values(), strict=True)
     return Design(
@@ -152,10 +145,12 @@ def design(
         reference=scenario,
         minimise=minimise,
         limits=limits,
-        errors=errors(powers),
-        reference_errors=errors(usual),
-        twice=errors(powers, times=2.0),
-        five_runs=errors(powers, runs=5),
+        errors={
+            "errors": errors(powers),
+            "reference_errors": errors(usual),
+            "twice": errors(powers, times=2.0),
+            "five_runs": errors(powers, runs=5),
+        },
         costs={name: free[name] + float(gains[name] @ powers) for name in gains},
         crest={name: (crest, crest_of(reference)) for name, crest, reference in crests},
         binding=tuple(n for n, share in zip(names, used, strict=True) if share > 0.999),
@@ -171,24 +166,29 @@ def sines_of(scenario: Scenario) -> dict[str, Multisine]:
         If they are not sums of sines with whole periods in the window and lines of their own.
     """
     given = {"ft": scenario.target, "fd": scenario.disturbance}
-    found = {name: f for name, f in given.items() if isinstance(f, Multisine)}
-    periods = {sines.period for sines in found.values()}
-    lines = [line for sines in found.values() for line in sines.lines]
+    signals = {name: f for name, f in given.items() if isinstance(f, Multisine)}
+    periods = {sines.period for sines in signals.values()}
+    lines = [line for sines in signals.values() for line in sines.lines]
     whole = len(periods) == 1 and round(own := scenario.duration / min(periods)) >= 1
     if not whole or abs(own - round(own)) > 1e-9 or len(set(lines)) < len(lines):
         raise InputError(
             f"scenario {scenario.name}: a design starts from sums of sines of one period, with "
             "whole periods in the window and no line in both; name nominal, for example"
         )
-    return found
+    return signals
 
 
 # --------------------------------------------------------------------------------- powers
 
 
+def covariance_with(powers: FloatArray, base: FloatArray, by_line: FloatArray) -> FloatArray:
+    """Covariance of relative errors with lines of these powers, see `line_information`."""
+    return np.asarray(np.linalg.inv(base + np.tensordot(powers, by_line, 1)), dtype=float)
+
+
 def least(
     base: FloatArray,
-    factors: FloatArray,
+    by_line: FloatArray,
     weights: FloatArray | None,
     limits: Sequence[LinearConstraint],
 ) -> FloatArray:
@@ -196,9 +196,9 @@ def least(
 
     Parameters
     ----------
-    base, factors
-        Information without lines, (parameters, parameters), and of each line with unit
-        power, (lines, parameters, 2).
+    base, by_line
+        Information without lines, (parameters, parameters), and of each line with unit power,
+        (lines, parameters, parameters).
     weights
         Of the parameters' variances, shape (parameters,); None for the volume.
     limits
@@ -211,25 +211,23 @@ def least(
     """
     from scipy.optimize import minimize
 
-    forced = factors @ factors.transpose(0, 2, 1)
-
     def cost(powers: FloatArray) -> tuple[float, FloatArray]:
         """Logarithm of the mean variance, or of the volume for one parameter, and its slopes."""
-        covariance = np.linalg.inv(base + np.tensordot(powers, forced, 1))
+        covariance = covariance_with(powers, base, by_line)
         if weights is None:
             value, slopes = np.linalg.slogdet(covariance)[1] / len(base), covariance / len(base)
         else:
             mean = float(weights @ np.diag(covariance))
             value, slopes = math.log(mean), (covariance * weights) @ covariance / mean
-        return float(value), -np.tensordot(forced, slopes, 2)
+        return float(value), -np.tensordot(by_line, slopes, 2)
 
-    start, bounds = np.full(len(forced), 0.5), [(0.0, None)] * len(forced)
+    start, bounds = np.full(len(by_line), 0.5), [(0.0, None)] * len(by_line)
     how: Any = {"method": "SLSQP", "options": {"maxiter": ITERATIONS, "ftol": TOLERANCE}}
-    found = minimize(cost, start, jac=True, bounds=bounds, constraints=limits, **how)
-    outside = max(-np.min(limit.residual(found.x)) for limit in limits)
-    if not (outside < KEPT and math.isfinite(found.fun)):
-        raise InputError(f"no powers of the lines keep these limits ({found.message}); widen them")
-    return np.asarray(np.maximum(found.x, 0.0))
+    end = minimize(cost, start, jac=True, bounds=bounds, constraints=limits, **how)
+    outside = max(-np.min(limit.residual(end.x)) for limit in limits)
+    if not (outside < ROUNDING and math.isfinite(end.fun)):
+        raise InputError(f"no powers of the lines keep these limits ({end.message}); widen them")
+    return np.asarray(np.maximum(end.x, 0.0))
 
 
 # ------------------------------------------------------------------------ errors and limits
@@ -237,16 +235,17 @@ def least(
 
 def _loop(
     scenario: Scenario, signals: dict[str, Multisine], usual: FloatArray
-) -> tuple[LineInformation, dict[str, FloatArray], dict[str, float]]:
-    """What lines of unit power tell, and the variances of e and u by these and by the remnant.
+) -> tuple[tuple[FloatArray, FloatArray], dict[str, FloatArray], dict[str, float]]:
+    """What the remnant and lines tell, see `line_information`, and what both add to e and u.
 
-    Variances are over those of the reference, whose lines have the powers `usual`.
+    Variances, by lines of unit power and by the remnant, are over those of the reference, whose
+    lines have the powers `usual`.
     """
     experiment, parts = experiment_of(scenario), []
     for name, sines in signals.items():
         cause = "target" if name == "ft" else "disturbance"
         control = closed_loop(scenario, sines.omega).u[cause]
-        parts.append((sines.omega, *inputs_of(scenario, sines.omega, cause), control))
+        parts.append((*inputs_of(scenario, sines.omega, cause), control))
     omega, e, x, u = map(np.concatenate, zip(*parts, strict=True))
     grid = np.linspace(0.0, np.pi / scenario.dt, GRID + 1)
     remnant = experiment.circulation(grid)
@@ -258,7 +257,7 @@ def _loop(
         by_lines, alone = np.abs(lines) ** 2, float(weights @ np.abs(noisy) ** 2)
         whole = alone + float(by_lines @ usual)
         gains[name], free[name] = by_lines / whole, alone / whole
-    return line_information(experiment, omega, e, x), gains, free
+    return line_information(experiment, (omega, e, x)), gains, free
 
 
 def _ends(signals: dict[str, Multisine]) -> list[int]:
@@ -276,7 +275,7 @@ def _spectra(
         whole, shares = own.sum(axis=0), own @ usual
         wholes.append(whole)
         for number, (line, share) in enumerate(zip(own, shares, strict=True)):
-            shapes += [line - max(LINE, share) * whole, FLOOR * share * whole - line]
+            shapes += [line - max(LARGEST_SHARE, share) * whole, LEAST_SHARE * share * whole - line]
             # A hair of room: the reference itself is on all of these limits at once.
             shapes.append(own[number:].sum(axis=0) - (shares[number:].sum() + 1e-6) * whole)
     return np.array(wholes), shapes
@@ -300,8 +299,6 @@ def _with_phases(scenario: Scenario, signals: dict[str, Multisine], powers: Floa
         target=made.get("ft"),
         disturbance=made.get("fd"),
         remnant=replace(scenario.remnant, level=gain, level_is="gain"),
-        family="",
-        varied="",
     )
 
 
@@ -314,36 +311,11 @@ def crest_of(sines: Multisine) -> float:
 
 
 def low_crest(sines: Multisine, rng: np.random.Generator) -> Multisine:
-    """The same lines and amplitudes with phases of low crest, the best of several descents.
-
-    The first of them begins at Schroeder's phases.
-    """
-    from scipy.optimize import minimize
-
+    """The same lines and amplitudes with the phases of lowest crest among many draws."""
     turns, amplitudes = _turns(np.array(sines.lines), SAMPLES), np.array(sines.amplitudes)
-    size = amplitudes / np.sqrt(0.5 * np.sum(amplitudes**2))
-    schroeder = -2.0 * np.pi * np.cumsum(np.cumsum(np.append(0.0, 0.5 * size[:-1] ** 2)))
-
-    def norm(phases: FloatArray, power: int) -> tuple[float, FloatArray]:
-        phasors = size * np.exp(1j * phases)
-        signal = np.imag(phasors @ turns)
-        peak = np.max(np.abs(signal))
-        weight = np.abs(signal / peak) ** (power - 2) * signal
-        total = float(weight @ signal)
-        # ln(norm) has the same minimum, and a scale that does not depend on the power.
-        value = np.log(peak) + np.log(total / peak**2) / power
-        return float(value), np.real(phasors * (turns @ weight)) / total
-
-    found = []
-    for start in (schroeder, *rng.uniform(-np.pi, np.pi, (STARTS - 1, size.size))):
-        phases = start
-        for power in NORMS:
-            phases = minimize(
-                norm, phases, (power,), "BFGS", jac=True, options={"maxiter": STEPS}
-            ).x
-        turned = np.angle(np.exp(1j * phases)).tolist()
-        found.append(replace(sines, phases=tuple(turned)))
-    return min(found, key=crest_of)
+    draws = rng.uniform(-np.pi, np.pi, (DRAWS, amplitudes.size))
+    peaks = [np.max(np.abs(np.imag((amplitudes * np.exp(1j * p)) @ turns))) for p in draws]
+    return replace(sines, phases=tuple(draws[int(np.argmin(peaks))].tolist()))
 
 
 def _turns(lines: FloatArray, density: int) -> ComplexArray:
@@ -371,8 +343,7 @@ def scenario_of_fit(path: Path, scenario: Scenario | None = None) -> Scenario:
     if scenario is None:
         return fitted
     own = {name: getattr(fitted, name) for name in ("model", "truth", "element", "remnant")}
-    name = f"{scenario.name}-{fitted.name}"[:60]
-    return replace(scenario, **own, name=name, family="", varied="")
+    return replace(scenario, **own, name=f"{scenario.name}-{fitted.name}"[:60])
 
 
 # ----------------------------------------------------------------------------------- files
@@ -384,21 +355,22 @@ def write_files(folder: Path, made: Design, about: dict[str, Any]) -> None:
     The measurement window begins at t = 0.  Before it the signals run on from the run-in's
     beginning, where they are faded in; after it they are faded out.
     """
-    scenario, names = made.scenario, ("errors", "reference_errors", "twice", "five_runs")
+    scenario = made.scenario
     signals = {
         name: {**asdict(sines), "omega": sines.omega.tolist(), "crest_factor": made.crest[name][0]}
         for name, sines in sines_of(scenario).items()
     }
-    held = {
+    content = {
         **about,
         "objective": {"minimise": made.minimise, "limits": made.limits},
         "reference": made.reference.name,
         "binding": made.binding,
-        **{name: getattr(made, name) for name in (*names, "costs")},
+        **made.errors,
+        "costs": made.costs,
         "signals": signals,
         "scenario": scenario_json(scenario),
     }
-    write_file(folder / "design.json", strict_json(held).encode())
+    write_file(folder / "design.json", strict_json(content).encode())
     time: FloatArray = scenario.dt * np.arange(
         -round(max(scenario.run_in, FADE) / scenario.dt),
         round((scenario.duration + FADE) / scenario.dt) + 1,
@@ -406,7 +378,6 @@ def write_files(folder: Path, made: Design, about: dict[str, Any]) -> None:
     )
     near = np.clip(np.minimum(time - time[0], time[-1] - time) / FADE, 0.0, 1.0)
     fade = 0.5 - 0.5 * np.cos(np.pi * near)
-    both = [np.zeros(time.size) if forcing is None else fade * forcing.at(time)
-            for forcing in (scenario.target, scenario.disturbance)]  # fmt: skip
+    both = [fade * samples_of(f, time) for f in (scenario.target, scenario.disturbance)]
     rows = [[f"{value + 0.0:.9g}" for value in row] for row in np.column_stack([time, *both])]
     write_file(folder / "forcing.csv", table_bytes(("t", "ft", "fd"), rows))

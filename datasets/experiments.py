@@ -8,15 +8,13 @@ is Fisher's, since inputs hold nothing of the remnant that is still to come.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from pilotid.bounds import Circulation, Experiment, gradient_of
-from pilotid.datasets.forcing import Multisine, Steps
-from pilotid.datasets.remnant import Remnant, TabulatedRemnant
+from pilotid.bounds import Circulation, Experiment, Inputs, gradient_of
 from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.signals import Multisine, Steps
 from pilotid.datasets.simulation import closed_loop, remnant_shaping, simulate, white_level
 from pilotid.likelihood.prediction import predict
 from pilotid.support.types import ComplexArray, FloatArray, InputError
@@ -34,25 +32,15 @@ def experiment_of(scenario: Scenario) -> Experiment:
         If the loop is unstable, if there is no remnant, if a multisine and another kind of
         forcing function occur together, or if that other kind starts during the run-in.
     """
-    if scenario.changes:
-        raise InputError(
-            f"scenario {scenario.name}: what changes in time has no spectra; use bound_of"
-        )
-    level = white_level(scenario)
-    if level == 0.0:
-        raise InputError(f"scenario {scenario.name}: without a remnant every bound is zero")
-    forcing = [
-        (f, cause)
-        for f, cause in ((scenario.target, "target"), (scenario.disturbance, "disturbance"))
-        if f is not None
-    ]
+    level = _level(scenario)
+    both = ((scenario.target, "target"), (scenario.disturbance, "disturbance"))
+    forcing = [(f, cause) for f, cause in both if f is not None]
     sines = [(f, cause) for f, cause in forcing if isinstance(f, Multisine)]
-    if sines and len(sines) < len(forcing):
+    if scenario.changes or (sines and len(sines) < len(forcing)):
         raise InputError(
             f"scenario {scenario.name}: bounds for a multisine together with another kind of "
-            "forcing function are not implemented"
+            "forcing function, or of what changes in time, are not implemented"
         )
-    omega, error, output = _phasors(scenario, sines)
     return Experiment(
         model=scenario.model,
         values=scenario.values,
@@ -60,16 +48,18 @@ def experiment_of(scenario: Scenario) -> Experiment:
         samples=round(scenario.duration / scenario.dt),
         runs=scenario.runs,
         circulation=lambda w: _circulation(scenario, level, w),
-        line_omega=omega,
-        line_error=error,
-        line_output=output,
+        lines=_phasors(scenario, sines),
         transient=_transient(scenario) if len(forcing) > len(sines) else None,
     )
 
 
-def _phasors(
-    scenario: Scenario, sines: Sequence[tuple[Multisine, str]]
-) -> tuple[FloatArray, ComplexArray, ComplexArray]:
+def _level(scenario: Scenario) -> float:
+    if level := white_level(scenario):
+        return level
+    raise InputError(f"scenario {scenario.name}: without a remnant every bound is zero")
+
+
+def _phasors(scenario: Scenario, sines: Sequence[tuple[Multisine, str]]) -> Inputs:
     """Frequencies of the lines, and the phasors of e and x there.
 
     A line that both causes have is one line, and phases count.
@@ -77,7 +67,7 @@ def _phasors(
     each = [(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0, dtype=complex))]
     for f, cause in sines:
         phasors = np.array(f.amplitudes) * np.exp(1j * np.array(f.phases))
-        e, x = inputs_of(scenario, f.omega, cause)
+        _, e, x = inputs_of(scenario, f.omega, cause)
         each.append((f.omega, e * phasors, x * phasors))
     omega, error, output = (np.concatenate(parts) for parts in zip(*each, strict=True))
     lines, at = np.unique(omega, return_inverse=True)
@@ -87,36 +77,16 @@ def _phasors(
     return lines, sums[0], sums[1]
 
 
-def inputs_of(
-    scenario: Scenario, omega: FloatArray, cause: str
-) -> tuple[ComplexArray, ComplexArray]:
+def inputs_of(scenario: Scenario, omega: FloatArray, cause: str) -> Inputs:
     """Error and output for each unit of a cause: target, disturbance or remnant."""
     output = closed_loop(scenario, omega).x[cause]
-    return (1.0 if cause == "target" else 0.0) - output, output
+    return omega, (1.0 if cause == "target" else 0.0) - output, output
 
 
 def _circulation(scenario: Scenario, level: float, omega: FloatArray) -> Circulation:
-    remnant = scenario.remnant
-    if isinstance(remnant, TabulatedRemnant):
-        slopes = remnant.log_slopes(omega)
-    else:
-        slopes = _log_slopes(remnant, omega)
     shaping = level * remnant_shaping(scenario, omega)
-    error, output = inputs_of(scenario, omega, "remnant")
-    return Circulation(error, output, np.abs(shaping) ** 2, slopes)
-
-
-def _log_slopes(remnant: Remnant, omega: FloatArray) -> FloatArray:
-    """Derivatives of ln(density) by what shapes a remnant, shape (parameters, n)."""
-    slopes = np.zeros((len(remnant.shaped_by), omega.size))
-    for slope, name in zip(slopes, remnant.shaped_by, strict=True):
-        step = 1e-5 * getattr(remnant, name)
-        ahead, behind = (
-            replace(remnant, **{name: getattr(remnant, name) + h}).filter(omega)
-            for h in (step, -step)
-        )
-        slope += np.log(np.abs(ahead / behind)) / step  # of the power: twice the amplitude's
-    return slopes
+    _, error, output = inputs_of(scenario, omega, "remnant")
+    return Circulation(error, output, np.abs(shaping) ** 2, scenario.remnant.log_slopes(omega))
 
 
 def _transient(scenario: Scenario) -> FloatArray:
@@ -133,8 +103,7 @@ def _transient(scenario: Scenario) -> FloatArray:
             )
 
         def response(omega: FloatArray, cause: str = cause) -> ComplexArray:
-            e, x = inputs_of(scenario, omega, cause)
-            return gradient_of(scenario.model, omega, e, x, scenario.values)
+            return gradient_of(scenario.model, inputs_of(scenario, omega, cause), scenario.values)
 
         total += forcing.through(response, time)
     return total
@@ -142,9 +111,7 @@ def _transient(scenario: Scenario) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _bound(scenario: Scenario) -> tuple[float, ...]:
-    level = white_level(scenario)
-    if level == 0.0:
-        raise InputError(f"scenario {scenario.name}: without a remnant every bound is zero")
+    level = _level(scenario)
     rng = np.random.default_rng(SEED)
     count = len(scenario.truth)
     information = np.zeros((count, count))

@@ -8,13 +8,12 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.population import POPULATIONS, Population
 from pilotid.datasets.recorder import Recorder
-from pilotid.datasets.remnant import Remnant, TabulatedRemnant
 from pilotid.datasets.scenarios import DEGREES, SCENARIOS, Scenario, checked
+from pilotid.datasets.signals import Multisine, Remnant, TabulatedRemnant
 from pilotid.datasets.simulation import remnant_ratio
-from pilotid.estimate.fitted import Fitted
+from pilotid.estimate.method import Fitted
 from pilotid.model.catalogue import model_named
 from pilotid.model.element import ControlledElement
 from pilotid.model.loops import margins
@@ -33,14 +32,14 @@ AnyScenario = Scenario | Population
 CATALOGUE: dict[str, AnyScenario] = {**SCENARIOS, **POPULATIONS}
 
 
-def scenarios_named(text: str) -> list[AnyScenario]:
-    """The scenarios and populations that a text names.
+def scenario_named(text: str) -> AnyScenario:
+    """The scenario or population that a text names.
 
     Parameters
     ----------
     text
         ``nominal``, ``nominal(runs=3)``, the ``design.json`` of a design, or ``file.py:NAME`` or
-        ``package.module:NAME`` for a scenario, a population or a list of them.
+        ``package.module:NAME``.
 
     Raises
     ------
@@ -48,31 +47,15 @@ def scenarios_named(text: str) -> list[AnyScenario]:
         If there is none; the message lists the names there are.
     """
     if text.strip().lower().endswith(".json"):
-        return [sound(designed_scenario(Path(text.strip())))]
-    if not is_place(text):
-        return [_from_catalogue(text)]
-    thing = load_object(text)
-    own = list(thing) if isinstance(thing, list | tuple) else [thing]
-    if not own or not all(isinstance(each, AnyScenario) for each in own):
-        raise InputError(f"{text}: is no Scenario, no Population and no list of them")
-    return [sound(each) for each in own]
-
-
-def scenario_named(text: str) -> AnyScenario:
-    """The one scenario that a text names, see `scenarios_named`."""
-    first, *others = scenarios_named(text)
-    if others:
-        names = ", ".join(scenario.name for scenario in (first, *others))
-        raise InputError(f"{text}: holds several scenarios ({names}); name one of them")
-    return first
-
-
-def _from_catalogue(text: str) -> AnyScenario:
+        return sound(designed_scenario(Path(text.strip())))
+    if is_place(text):
+        thing = load_object(text)
+        if not isinstance(thing, AnyScenario):
+            raise InputError(f"{text}: is no Scenario and no Population")
+        return sound(thing)
     name, changed = from_catalogue(text, CATALOGUE, "scenario", "NAME")
     if changed == CATALOGUE[name] or changed.name != name:
         return sound(changed)
-    if isinstance(changed, Scenario):
-        changed = replace(changed, family="", varied="")
     return sound(replace(changed, name=name_of(text)))
 
 
@@ -108,10 +91,10 @@ def scenario_json(scenario: Scenario) -> dict[str, Any]:
             raise InputError(f"scenario {scenario.name}: its {name} is no sum of sines")
     if scenario.violation is not None:
         raise InputError(f"scenario {scenario.name}: a design has no violation of assumptions")
-    held = plain(scenario)
-    for name in ("class", "violation", "family", "varied", "start_spread", "one_recording"):
-        held.pop(name)
-    return {**held, "model": scenario.model.name}
+    entry = plain(scenario)
+    for name in ("class", "violation", "family", "start_spread", "one_recording"):
+        entry.pop(name)
+    return {**entry, "model": scenario.model.name}
 
 
 def fitted_scenario(fitted: Fitted) -> dict[str, Any] | None:
@@ -142,22 +125,22 @@ def designed_scenario(path: Path) -> Scenario:
 
     require_file(path)
     try:
-        held = dict(json.loads(path.read_text(encoding="utf-8"))["scenario"])
-        model = model_named(str(held.pop("model")))
+        entry = dict(json.loads(path.read_text(encoding="utf-8"))["scenario"])
+        model = model_named(str(entry.pop("model")))
         kinds: dict[str, Any] = {
             "truth": tuple[float, ...],
             "element": ControlledElement,
-            "remnant": TabulatedRemnant if "density" in held["remnant"] else Remnant,
+            "remnant": TabulatedRemnant if "density" in entry["remnant"] else Remnant,
             "target": Multisine | None,
             "disturbance": Multisine | None,
             "recorder": Recorder | None,
             "units": tuple[tuple[str, str], ...],
         }
-        held = {"units": DEGREES, "recorder": None, **held}
+        entry = {"units": DEGREES, "recorder": None, **entry}
         parts = {
-            name: TypeAdapter(kind).validate_python(held[name]) for name, kind in kinds.items()
+            name: TypeAdapter(kind).validate_python(entry[name]) for name, kind in kinds.items()
         }
-        return Scenario(**{**held, **parts, "model": model})
+        return Scenario(**{**entry, **parts, "model": model})
     except InputError:
         raise
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
@@ -182,12 +165,8 @@ def truth(scenario: Scenario) -> dict[str, object]:
         "remnant": {**asdict(scenario.remnant), "expected_power_ratio": remnant_ratio(scenario)},
         "controlled_element": asdict(scenario.element),
     }
-    for name, part in (
-        ("controlled_element_change", scenario.change),
-        ("recorder", scenario.recorder),
-    ):
-        if part is not None:
-            made[name] = asdict(part)
+    further = {"controlled_element_change": scenario.change, "recorder": scenario.recorder}
+    made |= {name: asdict(part) for name, part in further.items() if part is not None}
     for name, (end, _) in zip(("loops", "loops_after_the_change"), scenario.constant_ends):  # noqa: B905
         target, disturbance = margins(end.model, end.values, end.element)
         made[name] = {"target": asdict(target), "disturbance": asdict(disturbance)}

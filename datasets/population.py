@@ -8,10 +8,6 @@ a sensible margin:
 - pilots: ranges around the estimates of AIAA 2008-7109; Zaal, JGCD 39(5) 2016 (gains and
   leads that change by a factor of three, delays .26 to .32 s); Pool, Harder and van Paassen
   2016 (leads .3 to .7 s, lags 1 to 3 s, motion gain 3 with .19 s);
-- pilots who see the target ahead: ranges chosen here after van der El et al. (IEEE Trans.
-  Cybernetics 46, 2016), whose text has one second of preview; people who follow a target by hand:
-  around Bonnen et al. (Journal of Vision 15(3), 2015), whose runs are short and many, and whose
-  targets have no period;
 - crossover 1 to 5 rad/s over controlled elements K, K/s and K/s^2 (McRuer and Jex, IEEE
   Trans. HFE-8, 1967);
 - forcing functions: sums of 7 to 13 sines per signal, from about .3 to 17 rad/s, with the
@@ -27,10 +23,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from pilotid.datasets.forcing import Multisine
-from pilotid.datasets.recorder import Recorder, drawn_faulty_recorder, drawn_recorder
-from pilotid.datasets.remnant import Remnant
+from pilotid.datasets.recorder import drawn_recorder
 from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.signals import Multisine, Remnant
 from pilotid.datasets.simulation import white_level
 from pilotid.model.catalogue import MODELS as CATALOGUE
 from pilotid.model.element import (
@@ -58,30 +53,17 @@ RANGES = {
     "tdvest": (0.14, 0.38),
     "Km": (0.05, 2.0),
     "tdm": (0.14, 0.38),
-    "Kt": (0.7, 1.1),
-    "tlagt": (0.05, 0.5),
-    "tdt": (0.08, 0.35),
-    "Kf": (0.6, 1.2),
-    "tlagf": (0.15, 1.2),
-    "tlookf": (0.4, 1.4),
-    "Kn": (0.1, 0.5),
-    "tlagn": (0.04, 0.25),
-    "tlookn": (0.1, 0.4),
     "fnm": (6.5, 15.0),
     "dnm": (0.12, 0.65),
 }
 CROSSOVER = (1.0, 5.0)  # rad/s, of the target loop
 SENSITIVITY = 4.0  # largest |1/(1 + L)|: the paper's single-channel pilot has 3.6
 ASIDE = 2.0  # least ratio of lead and lag time, or of lag and lead time
-APART = 0.3  # s, least distance of the far viewpoint from the near one
-WALK = 60.0  # rad/s, up to which a target walks at random
 ELEMENTS = {
     "multi": ("K/s^2", "K/(s(s+a))", "second order"),
     "rate": ("K/s^2", "K/(s(s+a))"),
     "single": ("K/s^2", "K/(s(s+a))", "second order"),
     "lead-lag": ("K", "K/s", "second order"),
-    "preview": ("K/s^2", "K/(s(s+a))"),
-    "following": ("1",),
 }
 MODELS = {name: CATALOGUE[name] for name in ELEMENTS}
 
@@ -99,9 +81,8 @@ class Population:
         twice is drawn twice as often.
     exotic
         Whether remnants are outside the families of low-pass filters.
-    recorded, faulty
-        Whether a recorder drawn at random stands between loop and file, and whether half of these
-        record a signal late or filter some signals only.
+    recorded
+        Whether a recorder drawn at random stands between loop and file.
     aperiodic
         Whether forcing functions have no whole period in the recording.
     intervals
@@ -117,26 +98,19 @@ class Population:
     models: tuple[str, ...] = ("multi", "multi", "multi", "rate", "lead-lag")
     exotic: bool = False
     recorded: bool = False
-    faulty: bool = False
     aperiodic: bool = False
     intervals: tuple[float, ...] = (0.01, 0.02)
     durations: tuple[float, float] = (60.0, 120.0)
     runs: tuple[int, ...] = (1, 1, 1, 2, 3, 5)
+    one_recording = False  # every replication has its own
 
     def __post_init__(self) -> None:
         if unknown := set(self.models) - set(MODELS):
             there = ", ".join(MODELS)
             raise ValueError(f"models must be of {there}, not {', '.join(sorted(unknown))}")
-        for name in ("models", "intervals", "runs"):
-            if not getattr(self, name):
-                raise ValueError(f"{name} must not be empty")
-        if not all(x > 0.0 for x in (*self.intervals, *self.durations, *self.runs)):
-            raise ValueError("intervals, durations and runs must be above 0")
-
-    @property
-    def one_recording(self) -> bool:
-        """No: every replication has a recording of its own."""
-        return False
+        numbers = (*self.intervals, *self.durations, *self.runs)
+        if not (self.models and self.intervals and self.runs and min(numbers) > 0):
+            raise ValueError("give models, and intervals, durations and runs above 0")
 
     def drawn(self, rng: np.random.Generator) -> Scenario:
         """One scenario of the population; it bears the population's name.
@@ -153,7 +127,6 @@ class Population:
 
     def _drawn(self, model: PilotModel, kind: str, rng: np.random.Generator) -> Scenario | None:
         element = drawn_element(kind, rng)
-        model = model.with_element(element)
         truth = drawn_pilot(model, element, rng)
         if truth is None:
             return None
@@ -162,8 +135,6 @@ class Population:
         target, disturbance = drawn_forcing(element, duration, rng, aperiodic=self.aperiodic)
         # Two channels can be told apart by two forcing functions; one needs no more than one.
         left_out = rng.integers(3) if len(model.channels) == 1 else 0
-        if model.name == "following":
-            target, left_out = drawn_walk(duration, rng), 2  # a disturbance would not be seen
         return Scenario(
             name=self.name,
             description=self.description,
@@ -177,29 +148,18 @@ class Population:
             run_in=round(_one((0.0, 3.0, 8.0), rng) / dt) * dt,
             dt=dt,
             runs=_one(self.runs, rng),
-            recorder=self._recorder(rng),
+            recorder=drawn_recorder(rng) if self.recorded else None,
         )
-
-    def _recorder(self, rng: np.random.Generator) -> Recorder | None:
-        if self.faulty:
-            return drawn_faulty_recorder(rng)
-        return drawn_recorder(rng) if self.recorded else None
 
 
 def drawn_element(kind: str, rng: np.random.Generator) -> ControlledElement:
     """A controlled element of a kind that `ELEMENTS` names."""
-    if kind == "1":
-        return position_control(1.0)
     gain = _between(1.0, 20.0, rng)
-    match kind:
-        case "K":
-            return position_control(gain)
-        case "K/s":
-            return single_integrator(gain)
-        case "K/s^2":
-            return double_integrator(gain)
-        case "K/(s(s+a))":
-            return integrator_with_lag(gain, _between(0.2, 6.0, rng))
+    plain = {"K": position_control, "K/s": single_integrator, "K/s^2": double_integrator}
+    if kind in plain:
+        return plain[kind](gain)
+    if kind == "K/(s(s+a))":
+        return integrator_with_lag(gain, _between(0.2, 6.0, rng))
     return second_order(gain, _between(0.5, 3.0, rng), _between(0.3, 1.2, rng))
 
 
@@ -213,21 +173,14 @@ def drawn_pilot(
     values = {key: _between(*RANGES[key], rng) for key in model.keys}
     if "tlag" in values and abs(math.log(values["tlead"] / values["tlag"])) < math.log(ASIDE):
         return None  # a lead and a lag that all but cancel are neither
-    if "tlookf" in values and values["tlookf"] < values["tlookn"] + APART:
-        return None
-    # Gains on motion are told in units of the output's derivatives, whatever the element
-    # makes of a unit of control: scaled to the paper's gain of 4.
-    scale = 4.0 / _gain_at(element, 4.0) / 16.0
+    # Gains on motion are in units of the output's derivatives, whatever the element makes of a
+    # unit of control: scaled to the paper's gain of 4.
+    scale = 4.0 / float(np.abs(element.response(np.array([4.0])))[0]) / 16.0
     for key in {"Kvest", "Km"} & values.keys():
         values[key] *= scale
-    if model.name == "following":
-        return model.vector(values)
-    if "Kn" in values:  # a share of the inverse of the element
-        values["Kn"] /= 4.0 * _gain_at(element, 4.0)
     crossover = _between(*CROSSOVER, rng)
     truth = model.vector({**values, "Kvis": 1.0})
-    closing = next(i for i, c in enumerate(model.channels) if c.on != "ft")
-    visual = model.response(np.array([crossover]), truth)[closing, 0]
+    visual = model.response(np.array([crossover]), truth)[0, 0]
     plant = element.response(np.array([crossover]))[0]
     truth = model.vector({**values, "Kvis": 1.0 / abs(visual * plant)})
     inside = (model.lower < truth) & (truth < model.upper)
@@ -238,14 +191,12 @@ def drawn_pilot(
 
 def sensible(model: PilotModel, truth: FloatArray, element: ControlledElement) -> bool:
     """Whether the loop crosses over where pilots do, and is stable with a margin."""
-    # An answer to a target that is seen is in no loop: only the disturbance goes round.
-    first = int(any(channel.on == "ft" for channel in model.channels))
-    own = margins(model, truth, element)[first]
-    last = max((own.crossover, *own.others))  # a resonance must not cross over far above
+    target, _ = margins(model, truth, element)
+    last = max((target.crossover, *target.others))  # a resonance must not cross over far above
     if not (0.5 * CROSSOVER[0] <= last <= 1.2 * CROSSOVER[1]):
         return False
     omega = np.geomspace(0.05, 60.0, 400)
-    loops = open_loops(model, truth, element, omega)[first:]
+    loops = open_loops(model, truth, element, omega)
     if any(np.max(1.0 / np.abs(1.0 + loop)) > SENSITIVITY for loop in loops):
         return False
     return is_stable(model, truth, element)
@@ -279,16 +230,6 @@ def drawn_forcing(
     plant = np.abs(element.response(disturbance.omega))
     referred = tuple(np.array(disturbance.amplitudes) / plant * size)
     return target, replace(disturbance, amplitudes=tuple(float(a) for a in referred))
-
-
-def drawn_walk(duration: float, rng: np.random.Generator) -> Multisine:
-    """A target that walks at random: amplitudes fall with frequency, and no period is recorded."""
-    period = duration * _between(2.3, 2.7, rng)
-    lines = np.arange(1, round(WALK * period / (2.0 * math.pi)) + 1)
-    plain = Multisine(
-        tuple(lines.tolist()), tuple((1.0 / lines).tolist()), (0.0,) * lines.size, period
-    )
-    return plain.with_random_phases(rng)
 
 
 def _lines(count: int, period: float, rng: np.random.Generator) -> list[int]:
@@ -346,10 +287,6 @@ def _one(things: Sequence[T], rng: np.random.Generator) -> T:
     return things[int(rng.integers(len(things)))]
 
 
-def _gain_at(element: ControlledElement, omega: float) -> float:
-    return float(np.abs(element.response(np.array([omega])))[0])
-
-
 #: Populations by the name that the command line takes.
 POPULATIONS: dict[str, Population] = {
     p.name: p
@@ -377,28 +314,6 @@ POPULATIONS: dict[str, Population] = {
             recorded=True,
             intervals=(0.04, 0.02, 0.01, 0.005),
         ),
-        Population(
-            "population-timing",
-            "the same, a sixth with a signal late by a sample, a third with filters on some "
-            "signals only",
-            faulty=True,
-            intervals=(0.04, 0.02, 0.01, 0.005),
-        ),
         Population("population-short", "recordings of 30 s", durations=(30.0, 30.0), runs=(1,)),
-        Population(
-            "population-preview",
-            "pilots who see the target ahead, with a far and a near viewpoint",
-            models=("preview",),
-            durations=(120.0, 120.0),
-            runs=(5,),
-        ),
-        Population(
-            "population-following",
-            "people who follow a target by hand, in many short runs, without a displayed error",
-            models=("following",),
-            intervals=(0.01, 1.0 / 60.0),
-            durations=(20.0, 40.0),
-            runs=(5, 10, 20),
-        ),
     )
 }

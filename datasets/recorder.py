@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.datasets.forcing import Multisine
-from pilotid.datasets.remnant import TabulatedRemnant
+from pilotid.datasets.signals import Multisine, TabulatedRemnant
 from pilotid.estimate.parts import RemnantEstimate
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of, known_lines
@@ -25,10 +24,12 @@ from pilotid.support.types import FloatArray, InputError, IntArray
 #: A loop is simulated so many times as fast as it is recorded, so that the filter is that of
 #: continuous signals.
 FASTER = 4
-SAME = 0.02  # rms of the difference of two signals, over their own, up to which they are the same
-RETURN = 5.0  # seconds in which a signal without whole periods returns to where it began
-SMALLEST = 1e-3  # a line is kept if its amplitude is at least this share of the largest one
-QUIET = 1e-4  # share of a signal's rms below which a recorder's noise is left out
+SAME_SIGNAL = (
+    0.02  # rms of the difference of two signals, over their own, up to which they are the same
+)
+RETURN_SECONDS = 5.0  # seconds in which a signal without whole periods returns to where it began
+SMALLEST_LINE = 1e-3  # a line is kept if its amplitude is at least this share of the largest one
+QUIET_NOISE = 1e-4  # share of a signal's rms below which a recorder's noise is left out
 SIGNALS = ("e", "u", "x", "ft", "fd")
 
 
@@ -75,12 +76,6 @@ class Recorder:
     lost: float = 0.0
     jitter: float = 0.0
 
-    def __post_init__(self) -> None:
-        if set(self.filtered) | {name for name, _ in self.late} > set(SIGNALS):
-            raise ValueError(f"signals of a recorder are {', '.join(SIGNALS)}")
-        if min(*self.noise, self.order, self.bits, self.decimals) < 0 or self.headroom < 1.0:
-            raise ValueError("numbers of a recorder must be 0 or more, and its headroom 1 or more")
-
     def recorded(self, loop: Recording, rng: np.random.Generator) -> Recording:
         """What a file holds of a loop that was simulated `FASTER` times as fast.
 
@@ -103,7 +98,7 @@ class Recorder:
             signals = {n: np.asarray(sosfiltfilt(sections, s, axis=1)) for n, s in signals.items()}
         for name, noise in zip(("e", "u", "x"), self.noise, strict=True):
             drawn = noise * _rms(signals[name]) * rng.standard_normal(signals[name].shape)
-            signals[name] = self._converted(signals[name] + drawn)
+            signals[name] = self._rounded(signals[name] + drawn, in_file=False)
         for name, count in self.late:
             signals[name] = np.roll(signals[name], count, axis=1)
             signals[name][:, :count] = signals[name][:, count : count + 1]
@@ -114,7 +109,7 @@ class Recorder:
             signals |= {name: signals[name][:, last] for name in ("e", "u", "x")}
         if self.makes_error:
             signals["e"] = signals["ft"] - signals["x"]
-        written: dict[str, Any] = {name: self._written(s) for name, s in signals.items()}
+        written: dict[str, Any] = {n: self._rounded(s, in_file=True) for n, s in signals.items()}
         return replace(loop, dt=FASTER * loop.dt, run_in=loop.run_in // FASTER, **written)
 
     def _sampled(self, name: str, signal: FloatArray, at: IntArray) -> FloatArray:
@@ -126,18 +121,14 @@ class Recorder:
             signal = np.asarray(sosfilt(sections, signal, axis=1, zi=start)[0])
         return signal[:, at]
 
-    def _converted(self, signal: FloatArray) -> FloatArray:
+    def _rounded(self, signal: FloatArray, *, in_file: bool) -> FloatArray:
+        """A signal behind the converter, or in the text file."""
         peak = float(np.abs(signal).max())
-        if not self.bits or peak == 0.0:
+        if not (self.decimals if in_file else self.bits) or peak == 0.0:
             return signal
         step = 2.0 * self.headroom * peak / 2**self.bits
-        return np.asarray(step * np.round(signal / step))
-
-    def _written(self, signal: FloatArray) -> FloatArray:
-        peak = float(np.abs(signal).max())
-        if not self.decimals or peak == 0.0:
-            return signal
-        step = 10.0 ** (math.floor(math.log10(peak)) - self.decimals)
+        if in_file:
+            step = 10.0 ** (math.floor(math.log10(peak)) - self.decimals)
         return np.asarray(step * np.round(signal / step))
 
 
@@ -153,19 +144,6 @@ def drawn_recorder(rng: np.random.Generator) -> Recorder:
         decimals=int(rng.choice([0, 3, 4, 5])),
         makes_error=bool(rng.random() < 0.5),
     )
-
-
-def drawn_faulty_recorder(rng: np.random.Generator) -> Recorder:
-    """The same, of which a sixth records a signal late, and a third filters some signals only."""
-    recorder = drawn_recorder(rng)
-    fault = rng.random()
-    if fault < 1.0 / 6.0:
-        late = ("e", "u", "x", "fd")[int(rng.integers(4))]
-        return replace(recorder, late=((late, 1),))
-    if fault < 0.5:
-        some = (("u",), ("x",), ("e", "x", "ft"), ("u", "x"))[int(rng.integers(4))]
-        return replace(recorder, order=int(rng.choice([2, 4])), filtered=some)
-    return recorder
 
 
 def _rms(signal: FloatArray) -> float:
@@ -194,7 +172,7 @@ def recorded_forcing(recording: Recording, name: str) -> Multisine | None:
     if signal is None or _rms(signal) <= 1e-9 * _rms(recording.e if name == "ft" else recording.u):
         return None
     mean = np.mean(signal, axis=0)
-    if _rms(signal - mean) > SAME * _rms(mean):
+    if _rms(signal - mean) > SAME_SIGNAL * _rms(mean):
         raise InputError(
             f"{recording.source}: {name} differs from run to run, so that its runs have no common "
             "scenario; give one run, or runs with the same forcing functions"
@@ -202,9 +180,9 @@ def recorded_forcing(recording: Recording, name: str) -> Multisine | None:
     if (lines := known_lines(recording).get(name)) is not None:
         window = mean[recording.run_in :]
         sines = _sines(window, recording.dt, 0.0, lines)
-        if _rms(sines.at(recording.time) + window.mean() - mean) <= SAME * _rms(mean):
+        if _rms(sines.at(recording.time) + window.mean() - mean) <= SAME_SIGNAL * _rms(mean):
             return sines
-    turn = np.linspace(0.0, math.pi, round(RETURN / recording.dt), endpoint=False)[1:]
+    turn = np.linspace(0.0, math.pi, round(RETURN_SECONDS / recording.dt), endpoint=False)[1:]
     back = mean[-1] + (mean[0] - mean[-1]) * 0.5 * (1.0 - np.cos(turn))
     return _sines(np.append(mean, back), recording.dt, float(recording.time[0]))
 
@@ -213,7 +191,7 @@ def _sines(signal: FloatArray, dt: float, begin: float, lines: IntArray | None =
     """A sampled period that begins at a time [s], without its mean: at lines, or all that count."""
     phasors = 2j * np.fft.rfft(signal)[1 : (signal.size + 1) // 2] / signal.size
     if lines is None:
-        lines = 1 + np.flatnonzero(np.abs(phasors) >= SMALLEST * np.abs(phasors).max())
+        lines = 1 + np.flatnonzero(np.abs(phasors) >= SMALLEST_LINE * np.abs(phasors).max())
     kept = phasors[lines - 1] * np.exp(-2j * math.pi * lines * begin / (signal.size * dt))
     size, phase = np.abs(kept).tolist(), np.angle(kept).tolist()
     return Multisine(tuple(lines.tolist()), tuple(size), tuple(phase), signal.size * dt)
@@ -250,11 +228,15 @@ def recorded_remnant(
 def recorded_noise(recording: Recording) -> Recorder | None:
     """A recorder with the floors of e and x; that of u is part of the remnant's spectrum."""
     floor, nyquist = floors_of(recording).floor, math.pi / recording.dt
-    made = _rms(recording.e + recording.x - recording.input("ft")) < QUIET * _rms(recording.e)
+    made = _rms(recording.e + recording.x - recording.input("ft")) < QUIET_NOISE * _rms(recording.e)
     made = made and recording.ft is not None
     error, output = (
         math.sqrt(floor[name] * nyquist) / max(_rms(getattr(recording, name)), 1e-300)
         for name in ("e", "x")
     )
-    noise = (0.0 if made or error < QUIET else error, 0.0, 0.0 if output < QUIET else output)
+    noise = (
+        0.0 if made or error < QUIET_NOISE else error,
+        0.0,
+        0.0 if output < QUIET_NOISE else output,
+    )
     return Recorder(noise=noise, makes_error=made) if any(noise) else None

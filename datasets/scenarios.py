@@ -7,21 +7,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from pilotid.datasets.forcing import (
+from pilotid.datasets.recorder import Recorder, recorded_forcing, recorded_noise, recorded_remnant
+from pilotid.datasets.signals import (
     PERIOD,
     Forcing,
+    Remnant,
     adaptation_target,
     half_and_half_step,
     paper_disturbance,
     paper_target,
+    white,
 )
-from pilotid.datasets.recorder import Recorder, recorded_forcing, recorded_noise, recorded_remnant
-from pilotid.datasets.remnant import Remnant, white
-from pilotid.datasets.violations import ElementChange, Kind, Violation
 from pilotid.element_fit import closing_element
 from pilotid.estimate.estimate import Estimate
 from pilotid.model.catalogue import ADAPTING, MULTI, SINGLE
@@ -39,6 +39,72 @@ PILOT_AT_REST = (0.32, 1.68, 0.39, 12.0, 0.3)
 
 #: Units of signals unless a scenario has others.
 DEGREES = tuple((name, "deg") for name in SIGNALS)
+
+
+Kind = Literal["threshold", "quantised", "saturated"]
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A stick that is not linear, as methods assume.
+
+    Attributes
+    ----------
+    kind
+        ``threshold`` (the control is zero while the command is smaller than `size`),
+        ``quantised`` (the control has steps of `size`), ``saturated`` (it is clipped at plus and
+        minus `size`).
+    size
+        In root mean squares of the linear loop's control.
+    """
+
+    kind: Kind
+    size: float
+
+    def stick(self, command: FloatArray, rms: float) -> FloatArray:
+        """The control that a stick makes of a command.
+
+        Parameters
+        ----------
+        command
+            Command, any shape.
+        rms
+            Root mean square of the linear loop's control, in the command's unit.
+        """
+        size = self.size * rms
+        match self.kind:
+            case "threshold":
+                return np.where(np.abs(command) < size, 0.0, command)
+            case "quantised":
+                return np.asarray(size * np.round(command / size))
+        return np.clip(command, -size, size)
+
+
+@dataclass(frozen=True)
+class ElementChange:
+    """How the coefficients of a controlled element pass to those of another.
+
+    Of N/D and N2/D2, both with a constant numerator, a leading coefficient 1 and the same order,
+    it is the differential equation whose coefficients go along the sigmoid of
+    `pilotid.model.channel.Changing`.
+
+    Attributes
+    ----------
+    after
+        What the element becomes.
+    middle
+        Middle of the change, from the start of the measurement window [s].
+    rate
+        Its rate [1/s].
+    """
+
+    after: ControlledElement
+    middle: float
+    rate: float
+
+    def share(self, time: FloatArray) -> FloatArray:
+        """How much of the change has passed at some times [s], 0 to 1, shape (n,)."""
+        return np.asarray(0.5 + 0.5 * np.tanh(0.5 * self.rate * (time - self.middle)))
 
 
 @dataclass(frozen=True)
@@ -74,10 +140,8 @@ class Scenario:
         What stands between the loop and its file; None for nothing.
     units
         Names of signals and their units.
-    family, varied
-        Scenarios of one family differ in one number alone, such as ``runs`` or
-        ``remnant.level``; reports draw errors over it.  Those of the family ``violation``
-        and ``recorder`` differ in that.
+    family
+        ``violation`` or ``recorder`` where a warning is due, empty for others.
     """
 
     name: str
@@ -99,7 +163,6 @@ class Scenario:
     recorder: Recorder | None = None
     units: tuple[tuple[str, str], ...] = DEGREES
     family: str = ""
-    varied: str = ""
 
     @classmethod
     def from_fit(cls, estimate: Estimate, recording: Recording) -> Scenario:
@@ -123,26 +186,18 @@ class Scenario:
             from run to run.
         """
         model, source = estimate.model, recording.source
-        if not estimate.outcome.usable or estimate.remnant is None:
-            why = "has no remnant" if estimate.outcome.usable else estimate.sentence
-            raise InputError(f"{source}: the fit by {estimate.method} cannot be simulated: {why}")
-        if model.changes or model.extra:
-            why = f"acts on {', '.join(model.extra)}" if model.extra else "varies in time"
-            raise InputError(
-                f"{source}: model {model.name} {why}, and its fit cannot be simulated; name a "
-                "model of a constant pilot who acts on e, x and ft"
-            )
         element, unknown = closing_element(recording)
-        if element is None:
-            raise InputError(
-                f"{source}: no controlled element is known, so that the loop cannot be simulated; "
-                "name it, for example --element 4/s^2"
-            )
-        if not is_stable(model, estimate.values, element):
-            raise InputError(
-                f"{source}: the loop of the fitted pilot and {element.name} is unstable and cannot "
-                "be simulated; check the signs of the signals, the element and the model"
-            )
+        why = ""
+        if not estimate.outcome.usable or estimate.remnant is None:
+            why = "it has no remnant" if estimate.outcome.usable else estimate.sentence
+        elif model.changes or model.extra:
+            why = f"model {model.name} varies in time, or acts on more than e, x and ft"
+        elif element is None:
+            why = "no controlled element is known: name it, for example --element 4/s^2"
+        elif not is_stable(model, estimate.values, element):
+            why = f"its loop with {element.name} is unstable: check the signs of the signals"
+        if why or element is None or estimate.remnant is None:
+            raise InputError(f"{source}: the fit by {estimate.method} cannot be simulated: {why}")
 
         def to_control(omega: FloatArray) -> FloatArray:
             loop = element.response(omega) * sum(pilot_on(model, omega, estimate.values))
@@ -233,25 +288,14 @@ def _of_the_paper() -> list[Scenario]:
                 f"remnant-{gain:.1f}",
                 f"nominal with remnant gain {gain:.1f} (Figs 6 and 7)",
                 remnant=replace(NOMINAL.remnant, level=gain),
-                family="remnant",
-                varied="remnant.level",
             )
             for gain in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
         ),
         _varied("starts", starts, start_spread=0.4, one_recording=True),
-    ]
-
-
-def _of_several_runs() -> list[Scenario]:
-    return [
-        _varied(
-            f"runs-{runs}",
-            f"nominal with {runs} runs, fitted jointly",
-            runs=runs,
-            family="runs",
-            varied="runs",
-        )
-        for runs in (2, 5, 10)
+        *(
+            _varied(f"runs-{runs}", f"nominal with {runs} runs, fitted jointly", runs=runs)
+            for runs in (2, 5, 10)
+        ),
     ]
 
 
@@ -273,7 +317,6 @@ def _violated() -> list[Scenario]:
 
 
 def _recorded() -> list[Scenario]:
-    nominal = Scenario("nominal", "", family="recorder")
     cases: dict[str, tuple[str, Recorder]] = {
         "noise": (
             "noise of .3 % of the rms on e and x",
@@ -291,9 +334,7 @@ def _recorded() -> list[Scenario]:
         "jitter": ("times of samples that jitter by half an interval", Recorder(jitter=0.5)),
     }
     return [
-        replace(
-            nominal, name=f"recorder-{name}", description=f"nominal with {words}", recorder=recorder
-        )
+        _varied(f"recorder-{name}", f"nominal with {words}", recorder=recorder, family="recorder")
         for name, (words, recorder) in cases.items()
     ]
 
@@ -327,7 +368,6 @@ SCENARIOS: dict[str, Scenario] = {
     s.name: s
     for s in (
         *_of_the_paper(),
-        *_of_several_runs(),
         *_violated(),
         *_recorded(),
         *_changing(),
@@ -346,19 +386,16 @@ def checked(scenario: object) -> Scenario:
     """
     if not isinstance(scenario, Scenario):
         raise InputError(f"{scenario!r}: is no Scenario")
-    if len(scenario.truth) != len(scenario.model.keys):
-        raise InputError(
-            f"scenario {scenario.name}: its truth must be {len(scenario.model.keys)} numbers, for "
-            f"{', '.join(scenario.model.keys)}"
+    model, why = scenario.model, ""
+    if len(scenario.truth) != len(model.keys):
+        why = f"its truth must be {len(model.keys)} numbers, for {', '.join(model.keys)}"
+    elif model.extra:
+        why = f"its model acts on {', '.join(model.extra)}, which no simulation makes"
+    elif not scenario.start_spread and scenario.truth == tuple(model.start):
+        why = (
+            "its truth is the start of its model, which is handed to every method; give the model "
+            "another start (PilotModel.with_start)"
         )
-    if scenario.model.extra:
-        raise InputError(
-            f"scenario {scenario.name}: its model acts on {', '.join(scenario.model.extra)}, which "
-            "no simulation makes; give it one that acts on e, x and ft"
-        )
-    if not scenario.start_spread and scenario.truth == tuple(scenario.model.start):
-        raise InputError(
-            f"scenario {scenario.name}: its truth is the start of its model, which is handed to "
-            "every method; give the model another start (PilotModel.with_start)"
-        )
+    if why:
+        raise InputError(f"scenario {scenario.name}: {why}")
     return scenario

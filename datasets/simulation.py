@@ -15,13 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.datasets.forcing import Forcing, Multisine
 from pilotid.datasets.recorder import FASTER
-from pilotid.datasets.remnant import UNIT_LEVEL, TabulatedRemnant
 from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.signals import UNIT_LEVEL, Forcing, Multisine, TabulatedRemnant, samples_of
 from pilotid.datasets.stepping import stepped
 from pilotid.model.factors import Neuromuscular
-from pilotid.model.loops import is_stable, margins, pilot_on, pilot_on_each
+from pilotid.model.loops import is_stable, pilot_on
 from pilotid.recording.recording import Recording
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 
@@ -68,40 +67,24 @@ def closed_loop(scenario: Scenario, omega: FloatArray) -> ClosedLoop:
 
 
 def require_stable(scenario: Scenario) -> None:
-    """Refuse a closed loop that is not stable, with its margins in the message."""
-    if scenario.changes:
-        for end, _ in scenario.constant_ends:
-            require_stable(end)
+    """Refuse a closed loop that is not stable before and after all changes."""
+    if all(is_stable(end.model, end.values, end.element) for end, _ in scenario.constant_ends):
         return
-    if is_stable(scenario.model, scenario.values, scenario.element):
-        return
-    target, disturbance = margins(scenario.model, scenario.values, scenario.element)
     raise InputError(
-        f"scenario {scenario.name}: the closed loop is unstable (target loop: crossover "
-        f"{target.crossover:.2f} rad/s, phase margin {target.phase_margin:.1f} deg; disturbance "
-        f"loop: crossover {disturbance.crossover:.2f} rad/s, phase margin "
-        f"{disturbance.phase_margin:.1f} deg); lower the gains or the delays"
+        f"scenario {scenario.name}: the closed loop is unstable; lower the gains or the delays"
     )
 
 
 def remnant_shaping(scenario: Scenario, omega: FloatArray) -> ComplexArray:
     """What makes the remnant at the control of white noise, shape (n,)."""
     shaping = scenario.remnant.filter(omega)
-    match scenario.remnant.enters:
-        case "error":
-            responses = scenario.model.response(omega, scenario.values)
-            return shaping * pilot_on_each(scenario.model, responses)["e"]
-        case "neuromuscular":
-            return shaping * _neuromuscular(scenario, omega)
-    return shaping
-
-
-def _neuromuscular(scenario: Scenario, omega: FloatArray) -> ComplexArray:
+    if scenario.remnant.enters == "control":
+        return shaping
     values = dict(zip(scenario.model.keys, scenario.values, strict=True))
     for factor in (f for channel in scenario.model.channels for f in channel.factors):
         if isinstance(factor, Neuromuscular):
             own = [np.array([values[p.key]]) for p in factor.parameters]
-            return np.asarray(factor.response(np.asarray(1j * omega, dtype=complex), own))
+            return shaping * np.asarray(factor.response(np.asarray(1j * omega, complex), own))
     raise InputError(
         f"scenario {scenario.name}: the remnant cannot enter before the neuromuscular system, "
         f"since model {scenario.model.name} has none"
@@ -114,8 +97,6 @@ class _Prepared:
 
     time: FloatArray
     run_in: int
-    target: FloatArray
-    disturbance: FloatArray
     u_forced: FloatArray
     x_forced: FloatArray
     remnant_to_n: ComplexArray
@@ -143,11 +124,6 @@ def _prepared(scenario: Scenario) -> _Prepared:
     grid = 2 * next_fast_len(samples, real=True)
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(grid, scenario.dt), dtype=float)
     ends = [(closed_loop(end, omega), share) for end, share in scenario.constant_ends]
-    if scenario.model.changes and scenario.remnant.enters == "error":
-        raise InputError(
-            f"scenario {scenario.name}: the remnant cannot enter at the error of a pilot who "
-            "changes; let it enter at the control"
-        )
     shaping = remnant_shaping(scenario.constant_ends[0][0], omega)
     power = sum(share * np.abs(loop.u["remnant"]) ** 2 for loop, share in ends)
     to_u = shaping * np.sqrt(power)
@@ -156,16 +132,10 @@ def _prepared(scenario: Scenario) -> _Prepared:
         u_forced, x_forced = (signal[:1] for signal in stepped(scenario, nothing, 1.0))
     else:
         u_forced, x_forced = _forced(scenario, time)
-    level = _level(scenario, shaping, to_u, _window_power(u_forced, run_in))
-    target, disturbance = (
-        np.zeros(samples) if forcing is None else forcing.at(time)
-        for forcing in (scenario.target, scenario.disturbance)
-    )
+    level = _level(scenario, shaping, to_u, float(np.var(u_forced[0, run_in:])))
     return _Prepared(
         time,
         run_in,
-        target,
-        disturbance,
         u_forced,
         x_forced,
         shaping,
@@ -189,11 +159,6 @@ def _forced(scenario: Scenario, time: FloatArray) -> tuple[FloatArray, FloatArra
             u += control
             x += output
     return u[None], x[None]
-
-
-def _window_power(u_forced: FloatArray, run_in: int) -> float:
-    """Variance of the forced control in the window."""
-    return float(np.var(u_forced[0, run_in:]))
 
 
 def _level(
@@ -224,16 +189,14 @@ def _power(response: ComplexArray) -> float:
 def remnant_ratio(scenario: Scenario) -> float:
     """Expected power ratio var(n)/var(u) of a scenario."""
     shared = _prepared(scenario)
-    power_n = shared.level**2 * _power(shared.remnant_to_n)
-    power_u = shared.level**2 * _power(shared.remnant_to_u)
-    return power_n / (power_u + _window_power(shared.u_forced, shared.run_in))
+    return shared.level**2 * _power(shared.remnant_to_n) / linear_rms(scenario) ** 2
 
 
 def linear_rms(scenario: Scenario) -> float:
     """Expected root mean square of the control in the window, without any violation."""
     shared = _prepared(scenario)
     of_remnant = shared.level**2 * _power(shared.remnant_to_u)
-    return float(np.sqrt(of_remnant + _window_power(shared.u_forced, shared.run_in)))
+    return float(np.sqrt(of_remnant + np.var(shared.u_forced[0, shared.run_in :])))
 
 
 def white_level(scenario: Scenario) -> float:
@@ -271,7 +234,7 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
         faster = replace(scenario, dt=scenario.dt / FASTER, recorder=None)
         return scenario.recorder.recorded(simulate(faster, rng), rng)
     shared = _prepared(scenario)
-    samples = shared.time.size
+    samples, target = shared.time.size, samples_of(scenario.target, shared.time)
     noise = shared.level * scenario.remnant.white_noise(rng, (scenario.runs, shared.grid))
     spectrum = np.fft.rfft(noise) * shared.remnant_to_n
     if scenario.changes or scenario.violation is not None:
@@ -282,11 +245,11 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
     forcing = {"ft": scenario.target, "fd": scenario.disturbance}
     return Recording(
         dt=scenario.dt,
-        e=shared.target - x,
+        e=target - x,
         u=u,
         x=x,
-        ft=shared.target[None],
-        fd=shared.disturbance[None],
+        ft=target[None],
+        fd=samples_of(scenario.disturbance, shared.time)[None],
         run_in=shared.run_in,
         lines={
             name: lines_in(f, scenario.duration) for name, f in forcing.items() if f is not None

@@ -14,11 +14,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pilotid.datasets.forcing import Forcing
-from pilotid.datasets.scenarios import Scenario
-from pilotid.datasets.violations import SteppedElement
-from pilotid.model.model import Channel
-from pilotid.model.timevarying import Changing
+from pilotid.datasets.scenarios import ElementChange, Scenario
+from pilotid.datasets.signals import samples_of
+from pilotid.model.channel import Changing, Channel
+from pilotid.model.element import ControlledElement
 from pilotid.support.types import FloatArray, InputError, IntArray
 
 STEP = 0.005  # seconds, at most
@@ -30,6 +29,7 @@ STENCILS = {
     1: (1 / 12, -8 / 12, 0.0, 8 / 12, -1 / 12),
     2: (-1 / 12, 16 / 12, -30 / 12, 16 / 12, -1 / 12),
 }
+TERMS = 16  # of the series of an exponential: steps are short beside what the element takes
 BLOCK = 1000  # steps at once, where no channel answers to the loop
 
 
@@ -69,7 +69,7 @@ def stepped(
     seen = count + math.ceil(scenario.model.ahead / h)  # the target goes on for who looks ahead
     time = np.arange(seen) * h - (before + round(scenario.run_in / dt)) * dt
     noise = _finer(remnant, fine)[:, np.arange(-before * fine, samples * fine)]
-    target, disturbance = _at(scenario.target, time), _at(scenario.disturbance, time)
+    target, disturbance = samples_of(scenario.target, time), samples_of(scenario.disturbance, time)
 
     pilot = dict(zip(scenario.model.keys, scenario.values.tolist(), strict=True))
     paths = [_Path(channel, pilot, time, h) for channel in scenario.model.channels]
@@ -114,8 +114,8 @@ class _Linear:
             self.top, self.bottom = np.array([top[0] / bottom[0]]), np.ones(1)
             return
         plain = np.trim_zeros(np.asarray(top, dtype=float), "f")
-        found = cont2discrete((plain, np.asarray(bottom, dtype=float)), h, method="foh")
-        self.top, self.bottom = np.ravel(found[0]), np.ravel(found[1])
+        discrete = cont2discrete((plain, np.asarray(bottom, dtype=float)), h, method="foh")
+        self.top, self.bottom = np.ravel(discrete[0]), np.ravel(discrete[1])
 
     def through(self, signal: FloatArray) -> FloatArray:
         """The answer to the next block of a signal, shape (runs, steps)."""
@@ -207,5 +207,74 @@ def _finer(signal: FloatArray, factor: int) -> FloatArray:
     return np.asarray(factor * np.fft.irfft(np.fft.rfft(signal), n=length))
 
 
-def _at(forcing: Forcing | None, time: FloatArray) -> FloatArray:
-    return np.zeros(time.size) if forcing is None else forcing.at(time)
+class SteppedElement:
+    """The answer of an element that changes, in blocks of steps.
+
+    Within a step the coefficients are those at its middle, and the input is straight.
+
+    Parameters
+    ----------
+    before, change
+        The element and what becomes of it.
+    time
+        Times of all steps [s], shape (steps,).
+    """
+
+    def __init__(self, before: ControlledElement, change: ElementChange, time: FloatArray) -> None:
+        h = float(time[1] - time[0])
+        order, ends = len(before.denominator) - 1, (before, change.after)
+        forms = {(len(e.numerator), len(e.denominator), e.denominator[0], e.delay) for e in ends}
+        if forms != {(1, order + 1, 1.0, 0.0)}:
+            raise ValueError(
+                "elements that change must be a gain over polynomials of one order that begin "
+                "with 1, without delay"
+            )
+        share = change.share(time + 0.5 * h)
+        # The coefficients keep their value for most of the time.
+        shares, self._which = np.unique(share, return_inverse=True)
+        gains = np.array([element.numerator[0] for element in ends])
+        lower = np.array([element.denominator[:0:-1] for element in ends])
+        part = np.stack([1.0 - shares, shares], axis=1)
+        # States, input, and its slope: one matrix exponential holds all that a step does.
+        matrix = np.zeros((len(shares), order + 2, order + 2))
+        matrix[:, np.arange(order - 1), np.arange(1, order)] = 1.0
+        matrix[:, order - 1, :order] = -(part @ lower)
+        matrix[:, order - 1, order] = part @ gains
+        matrix[:, order, order + 1] = 1.0 / h
+        steps = _exponential(h * matrix)[:, :order]
+        self._own = np.ascontiguousarray(steps[..., :order].transpose(0, 2, 1))
+        self._by_last = steps[..., order] - steps[..., order + 1]
+        self._by_new = steps[..., order + 1]
+        self._order = order
+        self._now = 0
+        self._state = self._last = np.zeros((0, 0))
+
+    def through(self, signal: FloatArray) -> FloatArray:
+        """The answer to the next block of a signal, shape (runs, steps)."""
+        first = self._now == 0
+        if first:  # all is at rest, and the input begins here
+            self._state, self._last = np.zeros((len(signal), self._order)), signal[:, :1]
+        which = self._which[self._now + first - 1 : self._now + signal.shape[1] - 1]
+        inputs = np.concatenate([self._last, signal], axis=1)[:, first:, None]
+        given = inputs[:, :-1] * self._by_last[which] + inputs[:, 1:] * self._by_new[which]
+        answer = np.empty(signal.shape)
+        state = self._state
+        answer[:, 0] = state[:, 0]
+        for i, (own, part) in enumerate(
+            zip(self._own[which], given.transpose(1, 0, 2), strict=True)
+        ):
+            state = state @ own + part
+            answer[:, i + first] = state[:, 0]
+        self._now += signal.shape[1]
+        self._state, self._last = state, signal[:, -1:]
+        return answer
+
+
+def _exponential(matrices: FloatArray) -> FloatArray:
+    """Exponentials of many small matrices of small steps, shape (n, m, m), by their series."""
+    term = np.broadcast_to(np.eye(matrices.shape[-1]), matrices.shape)
+    total = term.copy()
+    for power in range(1, TERMS + 1):
+        term = term @ matrices / power
+        total += term
+    return total

@@ -14,15 +14,7 @@ from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import Method, identify
 from pilotid.likelihood.prediction import Prediction, predict
-from pilotid.model.catalogue import (
-    GAIN_ONLY,
-    LEAD2_LAG,
-    LEAD_LAG,
-    LEAD_LAG_MOTION,
-    MODELS,
-    PURSUIT,
-    RATE,
-)
+from pilotid.model.catalogue import MODELS
 from pilotid.model.element import (
     double_integrator,
     element_named,
@@ -49,28 +41,28 @@ PILOTS = {
         replace(
             NOMINAL,
             name="gain",
-            model=GAIN_ONLY,
+            model=MODELS["gain"],
             truth=(0.8, 0.28, 12.0, 0.3),
             element=single_integrator(2.0),
         ),
         replace(
             NOMINAL,
             name="lead-lag",
-            model=LEAD_LAG,
+            model=MODELS["lead-lag"],
             truth=(0.6, 1.0, 0.35, 0.28, 13.0, 0.35),
             element=single_integrator(2.0),
         ),
         replace(
             NOMINAL,
             name="rate",
-            model=RATE,
+            model=MODELS["rate"],
             truth=(0.35, 1.1, 0.27, 0.25, 0.18, 11.0, 0.4),
             element=double_integrator(4.0),
         ),
         replace(
             NOMINAL,
             name="lead-lag-motion",
-            model=LEAD_LAG_MOTION,
+            model=MODELS["lead-lag-motion"],
             truth=(0.7, 1.3, 0.4, 0.24, 0.3, 0.18, 12.0, 0.35),
             element=integrator_with_lag(4.0, 1.5),
         ),
@@ -84,7 +76,7 @@ PILOTS = {
         replace(
             NOMINAL,
             name="lead2-lag",
-            model=LEAD2_LAG,
+            model=MODELS["lead2-lag"],
             truth=(0.8, 0.45, 0.8, 0.22, 13.0, 0.35),
             element=TRAINED,
         ),
@@ -111,21 +103,8 @@ PILOTS = {
         ),
         replace(
             NOMINAL,
-            name="structural",
-            model=MODELS["structural"],
-            truth=(2.2, 0.16, 3.0, 0.7, 10.0, 0.707),
-            element=integrator_with_lag(4.0, 1.5),
-        ),
-        replace(
-            NOMINAL,
-            name="descriptive",
-            model=MODELS["descriptive"],
-            truth=(0.25, 1.4, 0.28, 1.3, 0.22, 0.12, 12.0, 0.3),
-        ),
-        replace(
-            NOMINAL,
             name="pursuit",
-            model=PURSUIT,
+            model=MODELS["pursuit"],
             truth=(0.8, 0.35, 0.28, 0.35, 0.16, 0.23, 12.0, 0.35),
             element=single_integrator(2.0),
         ),

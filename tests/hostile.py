@@ -69,8 +69,7 @@ DEEDS: dict[str, Callable[[], None]] = {
 }
 ANSWERS = (
     *("good", "nothing", "nan", "infinite", "complex", "words", "short", "flat", "listed"),
-    *("negative", "indefinite", "asymmetric", "errorless", "reversed", "outcome"),
-    *("vaf", "signs"),
+    *("negative", "reversed", "signs"),
 )
 HOWS = (*DEEDS, *ANSWERS, "objection", "scribble")
 
@@ -78,7 +77,6 @@ HOWS = (*DEEDS, *ANSWERS, "objection", "scribble")
 def _answers(good: Estimate) -> dict[str, Any]:
     """What is returned in the place of a good estimate."""
     values, covariance = good.values, good.covariance
-    skew = covariance + np.triu(np.full_like(covariance, covariance.max()), 1)
     return {
         "good": good,
         "nothing": None,
@@ -90,12 +88,7 @@ def _answers(good: Estimate) -> dict[str, Any]:
         "flat": replace(good, intervals=good.intervals.ravel()),
         "listed": replace(good, values=values.tolist()),
         "negative": replace(good, covariance=-covariance),
-        "indefinite": replace(good, covariance=1.9 * np.eye(values.size) - 0.9),
-        "asymmetric": replace(good, covariance=skew),
-        "errorless": replace(good, errors=np.zeros_like(values)),
         "reversed": replace(good, intervals=good.intervals[:, ::-1]),
-        "outcome": replace(good, outcome="converged"),
-        "vaf": replace(good, vaf=-1e9),
         "signs": replace(good, message="a\udcffb\n\x1b[31mc\0"),
     }
 

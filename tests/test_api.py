@@ -10,7 +10,7 @@ import pytest
 
 import pilotid
 from pilotid import ARX, MLE, MODELS, MLEWhite, Outcome, Study, identify, simulate
-from pilotid.estimate.fitted import fit_all
+from pilotid.estimate.method import fit_all
 from pilotid.methods import METHODS
 from pilotid.study.table import read_study
 

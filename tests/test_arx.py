@@ -94,7 +94,7 @@ def test_runs_are_stacked() -> None:
 
 #: What follows a target moves a cursor at once, which ARX refuses; of the others the pilots here
 #: have delays no longer than its shortest lag.
-UNSUITED = ("following", "precision", "structural")
+UNSUITED = ("following", "precision")
 CAUSAL = [m.name for m in MODELS.values() if not (m.changes or m.ahead or m.name in UNSUITED)]
 
 

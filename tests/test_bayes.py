@@ -10,9 +10,9 @@ from helpers import fit_of
 from scipy import stats
 
 from pilotid.datasets import SCENARIOS, fixed_tasks, load_task, reference_posterior, simulate
-from pilotid.estimate.draws import Draws
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import identify
+from pilotid.estimate.quantities import Draws
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.prepare import analysis_band, prediction_error_filters

@@ -25,12 +25,12 @@ from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import ADAPTING, SINGLE, fault_of
+from pilotid.model.channel import Changing
 from pilotid.model.factors import Delay, Differentiator, Gain, Lead, Neuromuscular
 from pilotid.model.model import (
     Channel,
     PilotModel,
 )
-from pilotid.model.timevarying import Changing
 from pilotid.solve.least_squares import Box, minimise
 from pilotid.study.run import truths_of
 from pilotid.support.numbers import fit_rng, recording_rng

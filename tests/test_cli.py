@@ -59,8 +59,8 @@ def refused(answer: Answer, *words: str) -> None:
 @pytest.mark.parametrize(
     ("columns", "options", "words"),
     [
-        ("t,e,u", ("multi",), "acts on x, which is not recorded"),
-        ("t,e,u", ("preview",), "acts on ft, x, which are not recorded"),
+        ("t,e,u", ("multi",), "acts on what is not recorded (x)"),
+        ("t,e,u", ("preview",), "acts on what is not recorded (ft, x)"),
         ("t,e,u,x,ft", ("look-ahead", "--fix", "tlook=0..60"), "looks up to 60 s ahead"),
     ],
 )

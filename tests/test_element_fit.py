@@ -55,9 +55,7 @@ def deviation(found: ControlledElement | None, true: ControlledElement) -> float
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "name", [n for n in POPULATIONS if n not in ("population-single", "population-timing")]
-)
+@pytest.mark.parametrize("name", [n for n in POPULATIONS if n != "population-single"])
 def test_elements_of_populations_are_found(name: str) -> None:
     for draw in range(5):
         scenario = POPULATIONS[name].drawn(np.random.default_rng([draw, 5]))

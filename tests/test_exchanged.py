@@ -111,7 +111,7 @@ def test_bounds_of_several_experiments_add_up() -> None:
     twice = bounds(replace(one, runs=2))
     np.testing.assert_allclose(alike.low_pass, twice.low_pass, rtol=1e-9)
     both = bounds(one, other)
-    for name in ("full", "forcing", "low_pass", "autoregressive"):
+    for name in ("full", "forcing", "low_pass"):
         single = [np.linalg.inv(getattr(bounds(own), name)) for own in (one, other)]
         np.testing.assert_allclose(
             np.linalg.inv(getattr(both, name)), sum(single), rtol=1e-6, atol=1e-6

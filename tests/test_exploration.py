@@ -15,7 +15,7 @@ from helpers import (
 )
 
 from pilotid.datasets import Scenario, scenario_named, simulate
-from pilotid.datasets.remnant import Remnant
+from pilotid.datasets.signals import Remnant
 from pilotid.estimate.estimate import Starts
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction, predict
@@ -78,8 +78,9 @@ def test_without_groups_the_reduction_is_the_windowed_transform(
     bins = np.fft.rfft(prediction.samples_of(given) * window)
     s = 2j * np.pi * np.fft.rfftfreq(scored, prediction.dt)
     left = bins[-1].copy()
-    for response, signal in zip(NOMINAL.model.responses(s, values[0]), bins[:-1], strict=True):
-        left -= response * signal
+    responses = NOMINAL.model.response(s.imag, values[0])
+    for channel, response, signal in zip(NOMINAL.model.channels, responses, bins[:-1], strict=True):
+        left -= response / np.where(s, s, 1.0) ** channel.derivative * signal
     expected = 2.0 / scored * np.sum(np.abs(left[:, 2:]) ** 2)
     found = Likelihood(prediction.binned).gram(values)[0, -1, -1]
     assert found == pytest.approx(expected, rel=0.02)

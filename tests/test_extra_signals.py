@@ -11,8 +11,8 @@ from helpers import Run
 
 from pilotid import Channel, PilotModel, Recording, identify
 from pilotid.checks.checks import remarks
-from pilotid.datasets.forcing import PERIOD, paper_disturbance, paper_target
-from pilotid.estimate.applicability import refusal
+from pilotid.datasets.signals import PERIOD, paper_disturbance, paper_target
+from pilotid.estimate.applicability import unrecorded
 from pilotid.model.factors import Delay, Gain, Lead, Neuromuscular
 from pilotid.recording.files import load_recording, save_recording
 from pilotid.recording.recording import joined
@@ -155,7 +155,7 @@ def test_bad_names_cost_a_sentence(run: Run, tmp_path: Path, mapping: str, words
 def test_a_model_of_a_signal_that_is_not_recorded_is_refused() -> None:
     recording = simulated("state")
     bare = Recording(dt=DT, e=recording.e, u=recording.u, x=recording.x, run_in=RUN_IN)
-    assert "acts on x2, which is not recorded" in str(refusal(bare, MODEL))
-    assert "x2 is not recorded" in identify("mle", bare, MODEL).message
+    assert "acts on what is not recorded (x2)" in str(unrecorded(bare, MODEL))
+    assert "acts on what is not recorded (x2)" in identify("mle", bare, MODEL).message
     with pytest.raises(ValueError, match="cannot act on 'u'"):
         Channel("own", "u", 1, (Gain("K"),))

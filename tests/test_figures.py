@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
-from pilotid.estimate.fitted import Fitted, fit_all
+from pilotid.estimate.method import Fitted, fit_all
 from pilotid.methods import method_named
 from pilotid.model.catalogue import MULTI, SINGLE
 from pilotid.model.element import double_integrator

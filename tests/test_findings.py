@@ -15,7 +15,7 @@ from helpers import Run
 
 import pilotid
 from pilotid.datasets import scenario_named, simulate
-from pilotid.model.model import Channel
+from pilotid.model.channel import Channel
 from pilotid.recording.files import save_recording
 from pilotid.support.types import InputError
 

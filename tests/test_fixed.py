@@ -9,7 +9,7 @@ import pytest
 
 import pilotid
 from pilotid.datasets import fixed_tasks, load_task, scenario_named
-from pilotid.datasets.fixed import FOLDER
+from pilotid.datasets.stored import TASKS
 from pilotid.study.run import recording_of, scenario_of, truths_of
 from pilotid.support.types import InputError
 
@@ -22,14 +22,14 @@ def test_there_are_five_of_each_and_they_are_small() -> None:
         **{"nominal": 5, "single": 5},
         **{"target-step": 5, "population-usual": 5},
     }
-    assert sum(file.stat().st_size for file in FOLDER.iterdir()) < 3e6
+    assert sum(file.stat().st_size for file in TASKS.iterdir()) < 3e6
     with pytest.raises(InputError, match="unknown task 'nominal-5': choose from nominal-0"):
         load_task("nominal-5")
 
 
 @pytest.mark.parametrize("name", fixed_tasks())
 def test_the_simulation_makes_them_still(name: str) -> None:
-    held = json.loads((FOLDER / "truth.json").read_text())[name]
+    held = json.loads((TASKS / "truth.json").read_text())[name]
     task, origin = load_task(name), scenario_named(held["scenario"])
     recording = recording_of(origin, 1, held["replication"])
     assert list(task.recording.arrays) == list(recording.arrays)

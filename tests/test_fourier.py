@@ -24,12 +24,16 @@ from pilotid.datasets import scenario_named, simulate
 from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.method import identify
 from pilotid.methods.fourier import Fourier
-from pilotid.model.catalogue import GAIN_ONLY, MULTI, RATE, SINGLE
-from pilotid.model.model import Channel, PilotModel
+from pilotid.model.catalogue import MODELS, MULTI, SINGLE
+from pilotid.model.channel import Channel
+from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import NotMultisineError, forcing_lines
 from pilotid.spectral.coefficients import coefficients_of, interpolation
 from pilotid.spectral.equations import Equations
+
+GAIN_ONLY = MODELS["gain"]
+RATE = MODELS["rate"]
 
 pytestmark = pytest.mark.numerical
 

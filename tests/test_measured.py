@@ -18,7 +18,9 @@ from pilotid import MODELS, identify, load_recording
 from pilotid.checks.checks import remarks
 from pilotid.choice import by_likelihood
 from pilotid.methods.fourier import Fourier
-from pilotid.model.catalogue import FOLLOWING, PURSUIT
+
+FOLLOWING = MODELS["following"]
+PURSUIT = MODELS["pursuit"]
 
 pytestmark = pytest.mark.numerical
 

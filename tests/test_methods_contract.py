@@ -23,7 +23,6 @@ from pilotid.testing import (
     bare,
     check_estimate,
     check_settings,
-    control_follows_nothing_but_itself,
     control_is_noise,
     recording_for,
     tiny,
@@ -113,19 +112,14 @@ def test_the_recording_stays_as_it_is(method: Method) -> None:
         assert not signal.flags.writeable
 
 
-#: Of no pilot a search takes seconds.
-NO_PILOT = (control_is_noise, control_follows_nothing_but_itself)
-
-
 @every_method
 @pytest.mark.parametrize(
     ("model", "spoil"),
     [
         pytest.param(
             *(model, spoil),
-            marks=[pytest.mark.long]
-            if (model == "multi" and spoil in NO_PILOT) or spoil is NO_PILOT[1]
-            else [],
+            # Of no pilot a search takes seconds.
+            marks=[pytest.mark.long] if (model, spoil) == ("multi", control_is_noise) else [],
             id=f"{spoil.__name__}-{model}",
         )
         for model, spoil in itertools.product(MODELS, DIFFICULT)

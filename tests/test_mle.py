@@ -10,8 +10,7 @@ from helpers import NOMINAL, fit_of, part_of, predict_circular, without_remnant
 
 from pilotid.checks.checks import remarks
 from pilotid.datasets import SCENARIOS, Scenario, simulate
-from pilotid.datasets.forcing import Multisine
-from pilotid.datasets.remnant import Remnant
+from pilotid.datasets.signals import Multisine, Remnant
 from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.method import identify
 from pilotid.likelihood.likelihood import Likelihood

@@ -14,8 +14,9 @@ from pilotid.estimate.method import identify
 from pilotid.methods.mle_genetic import MLEGenetic
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MULTI
+from pilotid.model.channel import Channel
 from pilotid.model.factors import Delay, Gain
-from pilotid.model.model import Channel, PilotModel
+from pilotid.model.model import PilotModel
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import evolve
 from pilotid.support.types import FloatArray

@@ -9,8 +9,8 @@ import pytest
 from helpers import NOMINAL, fit_of, monte_carlo, recording_of, without_remnant
 
 from pilotid.datasets import scenario_named
-from pilotid.datasets.forcing import half_and_half_step
 from pilotid.datasets.recorder import Recorder
+from pilotid.datasets.signals import half_and_half_step
 from pilotid.estimate.estimate import Outcome
 from pilotid.likelihood.instruments import Moments, references
 from pilotid.likelihood.search import maximise_likelihood
@@ -63,10 +63,10 @@ def test_a_recording_with_little_remnant_gives_the_truth(name: str) -> None:
     "scenario",
     [
         replace(NOMINAL, recorder=Recorder(noise=(0.0, 0.0, 0.01), makes_error=True)),
-        replace(NOMINAL, remnant=replace(NOMINAL.remnant, enters="error")),
+        replace(NOMINAL, remnant=replace(NOMINAL.remnant, enters="neuromuscular")),
         replace(NOMINAL, target=half_and_half_step(NOMINAL.duration, 2.0)),
     ],
-    ids=["noise", "at-error", "step"],
+    ids=["noise", "neuromuscular", "step"],
 )
 def test_it_is_consistent_whatever_the_remnant_and_the_sensors(scenario) -> None:  # type: ignore[no-untyped-def]
     estimates = [e for e in monte_carlo(MLEReference(), scenario, 20) if e.outcome.usable]

@@ -17,12 +17,14 @@ from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.method import identify
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3, Hold, _Output, pulse_response
-from pilotid.model.catalogue import GAIN_ONLY, MULTI
+from pilotid.model.catalogue import MODELS, MULTI
 from pilotid.model.element import Rational
 from pilotid.study import scores
 from pilotid.study.run import started
 from pilotid.support.remarks import codes_of
 from pilotid.support.types import FloatArray
+
+GAIN_ONLY = MODELS["gain"]
 
 pytestmark = pytest.mark.numerical
 

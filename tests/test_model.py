@@ -14,7 +14,8 @@ from helpers import NOMINAL, SINGLE_LOOP
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.applicability import made_for, motionless_input
 from pilotid.likelihood.prediction import predict
-from pilotid.model.catalogue import GAIN_ONLY, LEAD_LAG, MODELS, MULTI, RATE, SINGLE
+from pilotid.model.catalogue import MODELS, MULTI, SINGLE
+from pilotid.model.channel import Channel
 from pilotid.model.element import Rational, element_named, pade
 from pilotid.model.factors import (
     Canals,
@@ -22,17 +23,19 @@ from pilotid.model.factors import (
     Differentiator,
     Factor,
     Gain,
-    InnerLoop,
     Inverse,
     Lag,
     Lead,
     Neuromuscular,
-    Otoliths,
     Parameter,
     Values,
 )
-from pilotid.model.model import Channel, PilotModel
+from pilotid.model.model import PilotModel
 from pilotid.support.types import ComplexArray, FloatArray
+
+GAIN_ONLY = MODELS["gain"]
+LEAD_LAG = MODELS["lead-lag"]
+RATE = MODELS["rate"]
 
 pytestmark = pytest.mark.numerical
 
@@ -78,11 +81,9 @@ FACTORS: tuple[Factor, ...] = (
     Differentiator(1),
     Differentiator(2),
     Canals(),
-    Otoliths(),
     Inverse(element_named("6/(s(s+0.5))")),
     Inverse(element_named("3")),
     Neuromuscular(),
-    InnerLoop(Neuromuscular(), (Gain("K", 0.5), Lag())),
     Washout(),
 )
 #: Those that vary in time have no frequency response, see test_changing.

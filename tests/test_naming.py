@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pilotid.datasets.remnant import Remnant
+from pilotid.datasets.signals import Remnant
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.methods.arx import ARX

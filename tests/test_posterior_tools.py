@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pilotid.estimate.draws import Draws, shortest_interval
+from pilotid.estimate.quantities import Draws, shortest_interval
 from pilotid.posterior.sampling import (
     FREEDOM,
     LogDensity,

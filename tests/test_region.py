@@ -14,8 +14,7 @@ from pilotid.likelihood.optimum import Optimum
 from pilotid.likelihood.profile import off_bounds, profile_about
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods.mle import MLE
-from pilotid.model.factors import Neuromuscular
-from pilotid.model.model import PilotModel
+from pilotid.model.factors import Parameter
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Box, Minima, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, recording_rng
@@ -90,15 +89,8 @@ def test_where_the_optimum_is_at_a_bound_others_are_sought_inside() -> None:
     free = maximise_likelihood(recording, NOMINAL.model, np.random.default_rng(1), MLE())
     assert len(off_bounds(free)) == 0
     # A damping that may not reach the pilot's .22 stops at its bound.
-    damped = Neuromuscular(damping_bounds=(0.4, 3.0), damping_start=0.5, damping_usual=(0.45, 0.8))
-    bounded = PilotModel(
-        "damped",
-        tuple(
-            replace(channel, factors=(*channel.factors[:-1], damped))
-            for channel in NOMINAL.model.channels
-        ),
-        "a neuromuscular system that is damped more than the pilot's",
-    )
+    damped = Parameter("dnm", "", 0.4, 3.0, 0.5, (0.45, 0.8), last=True)
+    bounded = replace(NOMINAL.model, name="damped", overrides=(damped,))
     found = maximise_likelihood(recording, bounded, np.random.default_rng(1), MLE())
     at = bounded.keys.index("dnm")
     low, high = at_bounds(bounded, found.pilot, found.pilot)

@@ -10,14 +10,16 @@ import pytest
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.applicability import one_signal
-from pilotid.estimate.draws import Draws
 from pilotid.estimate.estimate import Estimate, Outcome, symmetric_intervals
 from pilotid.estimate.method import identify
+from pilotid.estimate.quantities import Draws
 from pilotid.estimate.warnings import remarks_on
 from pilotid.methods import MLE
-from pilotid.model.catalogue import LEAD_LAG, MULTI, SINGLE
+from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.model import PilotModel
 from pilotid.support.disk import strict_json
+
+LEAD_LAG = MODELS["lead-lag"]
 
 pytestmark = pytest.mark.numerical
 

@@ -10,8 +10,7 @@ import pytest
 from pilotid.bounds import View, bounds, monic, white_limit
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
-from pilotid.datasets.forcing import PERIOD, paper_disturbance, paper_target
-from pilotid.datasets.remnant import Remnant, white
+from pilotid.datasets.signals import PERIOD, Remnant, paper_disturbance, paper_target, white
 from pilotid.datasets.simulation import white_level
 from pilotid.estimate.method import identify
 from pilotid.likelihood.likelihood import Likelihood
@@ -76,7 +75,7 @@ STEADY = [name for name in SCENARIOS if not name.startswith("adapting")]
 def test_less_knowledge_means_a_higher_bound(name: str) -> None:
     found = bounds(experiment_of(scenario_named(name)))
     full = np.diag(found.full)
-    for covariance in (found.forcing, found.low_pass, found.autoregressive):
+    for covariance in (found.forcing, found.low_pass):
         assert np.all(np.diag(covariance) >= full * (1.0 - 1e-9))
     banded = bounds(experiment_of(scenario_named(name)), band=26.0)
     assert np.all(np.diag(banded.full) >= full * (1.0 - 1e-9))
@@ -92,7 +91,7 @@ def test_runs_multiply_the_information() -> None:
     one, four = experiment_of(NOMINAL), experiment_of(replace(NOMINAL, runs=4))
     for first, second in (
         (bounds(one).full, bounds(four).full),
-        (bounds(one).autoregressive, bounds(four).autoregressive),
+        (bounds(one).low_pass, bounds(four).low_pass),
         (white_limit(one).sandwich, white_limit(four).sandwich),
     ):
         assert second == pytest.approx(first / 4.0)

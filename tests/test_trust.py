@@ -13,10 +13,9 @@ from helpers import NOMINAL, Run, recording_of, strict
 
 import pilotid
 from pilotid.datasets import Scenario, simulate
-from pilotid.datasets.forcing import Multisine, half_and_half_step
 from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.datasets.recorder import Recorder
-from pilotid.datasets.remnant import Remnant, TabulatedRemnant
+from pilotid.datasets.signals import Multisine, Remnant, TabulatedRemnant, half_and_half_step
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.parts import Specification
 from pilotid.likelihood.remnant_models import Autoregressive, LowPass, NoiseModel
@@ -199,7 +198,7 @@ def test_the_remnant_of_a_table_has_its_density() -> None:
     table = TabulatedRemnant(omega=(1.0, 10.0), density=(4.0, 1.0))
     found = np.abs(table.filter(np.array([0.5, 1.0, 5.5, 10.0, 11.0]))) ** 2
     np.testing.assert_allclose(found, [4.0, 4.0, 2.0, 1.0, 0.0])
-    assert table.shaped_by == ()
+    assert table.log_slopes(np.ones(3)).shape == (0, 3)
     assert isinstance(table, Remnant)
 
 

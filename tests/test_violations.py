@@ -9,9 +9,9 @@ import pytest
 from helpers import NOMINAL, PILOTS
 
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
+from pilotid.datasets.scenarios import Violation
 from pilotid.datasets.simulation import linear_rms
 from pilotid.datasets.stepping import STEP, stepped
-from pilotid.datasets.violations import Violation
 from pilotid.recording.recording import Recording
 from pilotid.study.run import truths_of
 from pilotid.support.types import FloatArray, InputError

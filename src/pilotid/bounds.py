@@ -23,6 +23,8 @@ from pilotid.solve.covariance import covariance_of, hessian, sandwich_of
 from pilotid.solve.least_squares import minimise
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 
+#: Frequencies [rad/s], and error and output there, each of shape (n,).
+Inputs = tuple[FloatArray, ComplexArray, ComplexArray]
 GRID = 8192  # steps of the frequency grid on which densities are integrated
 
 
@@ -57,9 +59,8 @@ class Experiment:
         Sampling interval [s], scored samples of a run, and runs with independent remnants.
     circulation
         Maps frequencies [rad/s] to what the remnant does in the loop.
-    line_omega, line_error, line_output
-        Frequencies [rad/s] of the periodic excitation, and the phasors of e and x there,
-        shape (lines,).
+    lines
+        Frequencies of the periodic excitation, and the phasors of e and x there.
     transient
         Derivatives of the predicted control by the parameters for an excitation that is
         not periodic and starts from rest, shape (parameters, samples); None for none.
@@ -71,26 +72,19 @@ class Experiment:
     samples: int
     runs: int
     circulation: Callable[[FloatArray], Circulation]
-    line_omega: FloatArray
-    line_error: ComplexArray
-    line_output: ComplexArray
+    lines: Inputs
     transient: FloatArray | None = None
 
 
-def gradient_of(
-    model: PilotModel,
-    omega: FloatArray,
-    error: ComplexArray,
-    output: ComplexArray,
-    values: FloatArray,
-) -> ComplexArray:
+def gradient_of(model: PilotModel, inputs: Inputs, values: FloatArray) -> ComplexArray:
     """Derivatives of the control that a model predicts for these inputs, shape (parameters, n)."""
-    jacobian = model.response_and_jacobian(omega, values)[1]
-    return np.asarray(np.einsum("cpn,cn->pn", jacobian, _signed(model, error, output)))
+    jacobian = model.response_and_jacobian(inputs[0], values)[1]
+    return np.asarray(np.einsum("cpn,cn->pn", jacobian, _signed(model, inputs)))
 
 
-def _signed(model: PilotModel, error: ComplexArray, output: ComplexArray) -> ComplexArray:
+def _signed(model: PilotModel, inputs: Inputs) -> ComplexArray:
     """Input of each channel with the channel's sign, shape (channels, n)."""
+    _, error, output = inputs
     by_name = {"e": error, "x": output, "ft": error + output}
     return np.array([c.sign * by_name[c.on] for c in model.channels])
 
@@ -108,11 +102,10 @@ class View:
         self.weights = np.full(GRID + 1, 1.0 / GRID)  # trapezoidal rule, of a mean
         self.weights[[0, -1]] *= 0.5
         self.circulation = experiment.circulation(self.omega)
-        inside = experiment.line_omega < self.band
-        self.line_omega = experiment.line_omega[inside]
-        self.line_error = experiment.line_error[inside]
-        self.line_output = experiment.line_output[inside]
-        self.at_lines = experiment.circulation(self.line_omega)
+        omega, error, output = experiment.lines
+        inside = omega < self.band
+        self.lines = omega[inside], error[inside], output[inside]
+        self.at_lines = experiment.circulation(self.lines[0])
 
     def products(self, first: ComplexArray, second: ComplexArray) -> FloatArray:
         """Means over the band of all products of two sets of spectra."""
@@ -128,31 +121,26 @@ class View:
             return self.products(first, second)
         return np.asarray(2.0 * (first.real * self.weights) @ second.real.T)
 
-    def gradient(
-        self, omega: FloatArray, error: ComplexArray, output: ComplexArray, values: FloatArray
-    ) -> ComplexArray:
-        """Derivatives of the predicted control for these inputs, shape (parameters, n)."""
-        return gradient_of(self.experiment.model, omega, error, output, values)
+    def rows(self, inputs: Inputs, values: FloatArray, own: float) -> ComplexArray:
+        """Gradient of the predicted control for these inputs and, last, the residual, (rows, n).
 
-    def missed(
-        self, omega: FloatArray, error: ComplexArray, output: ComplexArray, values: FloatArray
-    ) -> ComplexArray:
-        """What the true pilot answers to these inputs less the predicted answer, shape (n,)."""
+        The residual is what the true pilot answers less the predicted answer, and `own` that the
+        remnant adds to the control.
+        """
         model, truth = self.experiment.model, self.experiment.values
-        difference = model.response(omega, truth) - model.response(omega, values)
-        return np.asarray(np.sum(difference * _signed(model, error, output), axis=0))
+        difference = model.response(inputs[0], truth) - model.response(inputs[0], values)
+        missed = np.sum(difference * _signed(model, inputs), axis=0)
+        return np.vstack([gradient_of(model, inputs, values), own + missed])
 
     def remnant_rows(
         self, omega: FloatArray, circulation: Circulation, values: FloatArray
     ) -> ComplexArray:
-        """Gradient of the prediction and, last, the residual, for each unit of remnant."""
-        given = omega, circulation.error, circulation.output, values
-        return np.vstack([self.gradient(*given), 1.0 + self.missed(*given)])
+        """`rows` for each unit of remnant."""
+        return self.rows((omega, circulation.error, circulation.output), values, 1.0)
 
     def line_rows(self, values: FloatArray) -> ComplexArray:
-        """Phasors, at the lines, of the gradient of the prediction and, last, the residual."""
-        given = self.line_omega, self.line_error, self.line_output, values
-        return np.vstack([self.gradient(*given), self.missed(*given)])
+        """`rows` of the lines' phasors."""
+        return self.rows(self.lines, values, 0.0)
 
     def mean_products(self, values: FloatArray) -> FloatArray:
         """Expected products of the gradient's and the residual's samples, after decimation."""
@@ -171,7 +159,7 @@ class View:
         direct = self.share * self.circulation.density * np.abs(free[-1]) * free[:-1]
         crossed = self.share * self.circulation.density * free[-1].conj() * free[:-1]
         forced = self.line_rows(values)
-        free = self.remnant_rows(self.line_omega, self.at_lines, values)
+        free = self.remnant_rows(self.lines[0], self.at_lines, values)
         mixed = forced[:-1].conj() * free[-1] + forced[-1].conj() * free[:-1]
         mixed = mixed * np.sqrt(0.5 * self.share * self.at_lines.density)
         return np.asarray(
@@ -196,17 +184,14 @@ class Bounds:
         lines only see it, the remnant's spectrum known.
     low_pass
         All of the record, with the remnant's own parameters estimated too.
-    autoregressive
-        All of the record, with autoregressive coefficients of the remnant estimated too.
     """
 
     full: FloatArray
     forcing: FloatArray
     low_pass: FloatArray
-    autoregressive: FloatArray
 
 
-def bounds(*experiments: Experiment, band: float | None = None, order: int = 8) -> Bounds:
+def bounds(*experiments: Experiment, band: float | None = None) -> Bounds:
     """Cramer-Rao bounds, of several experiments with one pilot together.
 
     Recordings have independent remnants, so that their informations add up, whatever the lines,
@@ -222,49 +207,27 @@ def bounds(*experiments: Experiment, band: float | None = None, order: int = 8) 
         The loops and their excitation, at least one.
     band
         What lies above this frequency [rad/s] is not used; None for the whole record.
-    order
-        Number of the autoregressive coefficients, at the sampling rate of the band.
     """
-    each = [own.runs * _informations(own, band, order) for own in experiments]
-    return Bounds(*map(_inverse, np.sum(each, axis=0)))
+    informations = []
+    for experiment in experiments:
+        view = View(experiment, band)
+        forcing, (free, shape) = _forcing_information(view), _remnant_information(view)
+        full = forcing + view.samples * free
+        informations.append(
+            experiment.runs * np.array([full, forcing, full - view.samples * shape])
+        )
+    return Bounds(*map(_inverse, np.sum(informations, axis=0)))
 
 
-def _informations(experiment: Experiment, band: float | None, order: int) -> FloatArray:
-    """Information of one run: in the order of `Bounds`, shape (4, parameters, parameters)."""
-    view = View(experiment, band)
+def _remnant_information(view: View) -> tuple[FloatArray, FloatArray]:
+    """Information per sample in the circulating remnant, and what its own parameters take of it."""
     circulation = view.circulation
-    gradient = view.gradient(view.omega, circulation.error, circulation.output, experiment.values)
-    forcing = _forcing_information(view)
-    full = forcing + view.samples * view.information(gradient, gradient)
-
-    factor, _ = monic(0.5 * np.log(circulation.density), 2 * GRID)
-    delays = np.exp(-1j * np.pi / view.band * np.outer(np.arange(1, order + 1), view.omega))
-    by_coefficient = -delays * np.exp(factor)
-
-    low_pass = full - view.samples * nuisance_share(view, gradient)
-    autoregressive = full - view.samples * _taken(view, gradient, by_coefficient)
-    return np.array([full, forcing, low_pass, autoregressive])
-
-
-def nuisance_share(view: View, gradient: ComplexArray) -> FloatArray:
-    """Information per sample that the remnant's own parameters take for themselves.
-
-    Forcing functions have no part in it.
-
-    Parameters
-    ----------
-    view
-        The experiment in its band.
-    gradient
-        Derivatives of the predicted control for each unit of remnant, (parameters, n).
-    """
-    by_shape, _ = monic(0.5 * view.circulation.log_slopes, 2 * GRID)
-    return _taken(view, gradient, by_shape)
-
-
-def _taken(view: View, gradient: ComplexArray, nuisance: ComplexArray) -> FloatArray:
-    cross = view.information(gradient, nuisance)
-    return np.asarray(cross @ np.linalg.solve(view.information(nuisance, nuisance), cross.T))
+    inputs = view.omega, circulation.error, circulation.output
+    gradient = gradient_of(view.experiment.model, inputs, view.experiment.values)
+    by_shape, _ = monic(0.5 * circulation.log_slopes, 2 * GRID)
+    cross = view.information(gradient, by_shape)
+    taken = cross @ np.linalg.solve(view.information(by_shape, by_shape), cross.T)
+    return view.information(gradient, gradient), np.asarray(taken)
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,7 +294,7 @@ def white_limit(experiment: Experiment, band: float | None = None) -> WhiteLimit
 def _forcing_information(view: View) -> FloatArray:
     """Information of one run's response to the forcing functions."""
     experiment = view.experiment
-    phasors = view.gradient(view.line_omega, view.line_error, view.line_output, experiment.values)
+    phasors = gradient_of(experiment.model, view.lines, experiment.values)
     whitened = phasors / np.sqrt(view.at_lines.density)
     information = 0.5 * experiment.samples * np.real(whitened @ whitened.conj().T)
     if experiment.transient is None:
@@ -376,70 +339,24 @@ def _inverse(information: FloatArray) -> FloatArray:
     return np.full_like(information, np.nan) if covariance is None else covariance
 
 
-@dataclass(frozen=True, eq=False)
-class LineInformation:
-    """Information on relative parameters: that of the remnant, and that of each line.
+def line_information(experiment: Experiment, lines: Inputs) -> tuple[FloatArray, FloatArray]:
+    """What the remnant and lines of unit power tell of relative parameters, in all runs.
 
-    Attributes
-    ----------
-    base
-        Information of one run without forcing functions, the remnant's own parameters
-        estimated too, shape (parameters, parameters).
-    factors
-        Information of a line of unit power is F F', with F of shape (parameters, 2); shape
-        (lines, parameters, 2).
-    runs
-        Runs with independent remnants.
-    """
-
-    base: FloatArray
-    factors: FloatArray
-    runs: int
-
-    def covariance(self, powers: FloatArray) -> FloatArray:
-        """Bound on the covariance of relative errors; NaN where the information is singular.
-
-        Parameters
-        ----------
-        powers
-            Powers of the lines [variance of each line's sine], shape (lines,).
-
-        Returns
-        -------
-        FloatArray
-            Shape (parameters, parameters).
-        """
-        forced = np.einsum("j,jpa,jqa->pq", powers, self.factors, self.factors)
-        return _inverse(self.runs * (self.base + forced))
-
-
-def line_information(
-    experiment: Experiment,
-    omega: FloatArray,
-    error: ComplexArray,
-    output: ComplexArray,
-) -> LineInformation:
-    """What lines tell of the parameters of an experiment; its own lines are left aside.
+    The information without forcing functions, the remnant's own parameters estimated too, shape
+    (parameters, parameters); and what each line adds, shape (lines, parameters, parameters).
 
     Parameters
     ----------
     experiment
-        The loop and its remnant.
-    omega
-        Frequencies of the lines [rad/s], shape (lines,); the same frequency may be there
-        twice if the lines do not meet in one run.
-    error, output
-        Error and output for each unit of a line, shape (lines,).
+        The loop and its remnant; its own lines are left aside.
+    lines
+        Frequencies of the lines, and error and output for each unit of a line; the same frequency
+        may be there twice if the lines do not meet in one run.
     """
-    view = View(experiment, None)
-    circulation = view.circulation
-    free = view.gradient(view.omega, circulation.error, circulation.output, experiment.values)
-    base = view.samples * (view.information(free, free) - nuisance_share(view, free))
-    phasors = view.gradient(omega, error, output, experiment.values)
-    phasors = phasors / np.sqrt(experiment.circulation(omega).density / experiment.samples)
-    phasors = np.where(omega < view.band, phasors, 0.0)
-    factors = np.stack([phasors.real.T, phasors.imag.T], axis=-1)
-    values = experiment.values
-    return LineInformation(
-        base * np.outer(values, values), factors * values[:, None], experiment.runs
-    )
+    view, values = View(experiment, None), experiment.values
+    free, taken = _remnant_information(view)
+    base = experiment.runs * view.samples * (free - taken) * np.outer(values, values)
+    phasors = gradient_of(experiment.model, lines, values) * values[:, None]
+    phasors = phasors / np.sqrt(experiment.circulation(lines[0]).density / experiment.samples)
+    inside = np.where(lines[0] < view.band, phasors, 0.0 + 0.0j)
+    return base, experiment.runs * np.real(np.einsum("pn,qn->npq", inside, inside.conj()))

@@ -135,8 +135,6 @@ def why_untried(recording: Recording, model: PilotModel) -> str:
         return f"has two channels, which {listed([names[n] for n in missing])} would tell apart"
     if "e" not in inputs and motionless(recording, "e"):
         return "acts on target and output, which are one where e does not move"
-    if model.name == "structural":
-        return "has the poles and zeros of lead-lag, in other places"
     if made_for(recording, model).needs_element:
         return "needs a controlled element, which is not known"
     return ""

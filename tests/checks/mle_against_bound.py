@@ -21,7 +21,7 @@ import numpy as np
 from pilotid.bounds import bounds
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.experiments import experiment_of
-from pilotid.datasets.remnant import Remnant
+from pilotid.datasets.signals import Remnant
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.method import identify
 from pilotid.methods.mle import MLE

@@ -13,7 +13,7 @@ import sys
 
 import numpy as np
 
-from pilotid.datasets.fixed import FOLDER, fixed_tasks, load_task
+from pilotid.datasets.stored import TASKS, fixed_tasks, load_task
 from pilotid.estimate.method import identify
 from pilotid.methods.bayes import Bayes
 from pilotid.support.numbers import fit_rng
@@ -37,5 +37,5 @@ if __name__ == "__main__":
             kept[f"{name}.{key}"] = values.astype(np.float32)
     stream = io.BytesIO()
     np.savez_compressed(stream, **kept)
-    (FOLDER / "posteriors.npz").write_bytes(stream.getvalue())
+    (TASKS / "posteriors.npz").write_bytes(stream.getvalue())
     print(len(stream.getvalue()), "bytes")

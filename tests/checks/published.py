@@ -23,12 +23,16 @@ import pilotid
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.parts import FrequencyResponse
 from pilotid.methods.fourier import Fourier
-from pilotid.model.catalogue import FOLLOWING, LOOK_AHEAD, PURSUIT, SLOW
+from pilotid.model.catalogue import MODELS, SLOW
+from pilotid.model.channel import Channel
 from pilotid.model.element import element_named
 from pilotid.model.factors import Gain, Lead
-from pilotid.model.model import Channel
 from pilotid.recording.recording import Recording, joined
 from pilotid.support.types import FloatArray
+
+FOLLOWING = MODELS["following"]
+LOOK_AHEAD = MODELS["look-ahead"]
+PURSUIT = MODELS["pursuit"]
 
 DOCS = Path(__file__).parents[2] / "docs"
 DT = 1.0 / 60.0

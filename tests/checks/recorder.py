@@ -5,8 +5,7 @@
 A row for each fault: codes that the detectors name, their median size, how often anything is
 said (by the recording's remarks or the fit's), and of the fits that converged the largest median
 error over the claimed one of any parameter, the root mean square, and coverage.  `sound` is the
-recording without a fault: what is said there is a false alarm.  `--scenario population-timing
---fault sound --recordings 500` asks how often a population's faults make fits wrong in silence.
+recording without a fault: what is said there is a false alarm.
 """
 
 from __future__ import annotations

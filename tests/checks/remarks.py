@@ -34,8 +34,8 @@ from pilotid.recording.recording import Recording
 
 SEED, FAR = 1, 4.0  # claimed errors
 STRATA = (
-    *(f"population-{n}" for n in ("usual", "exotic", "aperiodic", "short", "recorded", "timing")),
-    *("population-preview", "zero", "decimals", "bare", "stepped", "violation-*", "recorder-*"),
+    *(f"population-{n}" for n in ("usual", "exotic", "aperiodic", "short", "recorded")),
+    *("zero", "decimals", "bare", "stepped", "violation-*", "recorder-*"),
 )
 LATE = ("late-signal",)
 #: Faults, and the codes of which any names them.

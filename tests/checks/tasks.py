@@ -7,7 +7,7 @@ import io
 import numpy as np
 
 from pilotid.datasets import scenario_named
-from pilotid.datasets.fixed import FOLDER
+from pilotid.datasets.stored import TASKS
 from pilotid.recording.files import save_recording
 from pilotid.study.run import recording_of, scenario_of, truths_of
 from pilotid.support.disk import strict_json
@@ -16,14 +16,14 @@ SCENARIOS = ("nominal", "single", "target-step", "population-usual")
 SEED, REPLICATIONS = 1, 5
 
 if __name__ == "__main__":
-    FOLDER.mkdir(exist_ok=True)
+    TASKS.mkdir(exist_ok=True)
     held = {}
     for name in SCENARIOS:
         origin = scenario_named(name)
         for replication in range(REPLICATIONS):
             scenario = scenario_of(origin, SEED, replication)
             recording = recording_of(origin, SEED, replication)
-            path = FOLDER / f"{name}-{replication}.npz"
+            path = TASKS / f"{name}-{replication}.npz"
             save_recording(recording, path)
             with np.load(path) as archive:
                 arrays = {key: archive[key] for key in archive.files}
@@ -40,5 +40,5 @@ if __name__ == "__main__":
                 "truth": {key: truth for key, _, truth, _ in known},
                 "bound": {key: float(f"{bound:.6g}") for key, *_, bound in known if bound},
             }
-    (FOLDER / "truth.json").write_text(strict_json(held))
-    print(sum(file.stat().st_size for file in FOLDER.iterdir()), "bytes")
+    (TASKS / "truth.json").write_text(strict_json(held))
+    print(sum(file.stat().st_size for file in TASKS.iterdir()), "bytes")

@@ -18,8 +18,7 @@ import numpy as np
 from pilotid.bounds import white_limit
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
-from pilotid.datasets.forcing import PERIOD
-from pilotid.datasets.remnant import Remnant
+from pilotid.datasets.signals import PERIOD, Remnant
 from pilotid.estimate.method import identify
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.support.numbers import fit_rng, recording_rng

@@ -18,9 +18,8 @@ from typing import Annotated, NoReturn
 import typer
 
 from pilotid.cli import options, studies
-from pilotid.estimate.applicability import refusal
-from pilotid.estimate.fitted import Fitted, fit_all
-from pilotid.estimate.method import Method
+from pilotid.estimate.applicability import unrecorded
+from pilotid.estimate.method import Fitted, Method, fit_all
 from pilotid.model.catalogue import AUTO, MODELS, model_named
 from pilotid.model.element import ControlledElement, element_named
 from pilotid.model.model import PilotModel
@@ -179,8 +178,8 @@ def fit(
     recordings, refused = reading.all(files, joint=joint)
     fits: list[Fitted] = []
     for recording in with_bar(recordings, "fitting", len(recordings)):
-        why = {m.name: text for m in models if (text := refusal(recording, m))}
-        refused += why.values()
+        why = {m.name: text for m in models if (text := unrecorded(recording, m))}
+        refused += [f"{recording.source}: {text}" for text in why.values()]
         able = [m for m in models if m.name not in why]
         if able or not models:
             fits += _fitted(recording, able, fix, methods, seed, plant)
@@ -316,8 +315,7 @@ def infer(
     from pilotid.element_fit import chosen_element
     from pilotid.estimate.applicability import made_for, motionless_input
     from pilotid.estimate.estimate import Outcome, failed
-    from pilotid.estimate.fitted import Fitted
-    from pilotid.estimate.method import import_libraries
+    from pilotid.estimate.method import Fitted, import_libraries
     from pilotid.estimate.warnings import all_remarks
     from pilotid.methods.bayes import Bayes
     from pilotid.posterior.predictive import (

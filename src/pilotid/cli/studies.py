@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from pilotid.cli import options
-from pilotid.datasets.people import PEOPLE, fetch, recordings_in
+from pilotid.datasets.stored import PEOPLE, fetch, recordings_in
 from pilotid.model.catalogue import AUTO
 from pilotid.model.element import element_named
 from pilotid.naming.settings import split_list

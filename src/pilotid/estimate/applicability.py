@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pilotid.checks.checks import motionless
+from pilotid.model.catalogue import fault_of
 from pilotid.model.element import parsed_element
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
@@ -20,43 +21,38 @@ REMEDY = "record with a target and a disturbance, or fit one channel"
 
 def motionless_input(recording: Recording, model: PilotModel) -> str | None:
     """Why no method can identify a model: a channel has nothing to act on, or is infinite."""
-    if infinite := response_at_rest(model):
-        return infinite
+    if fault := fault_of(model):
+        return fault
     if model.needs_element:
         named = recording.controlled_element
         return (
             f"model {model.name} is made for a controlled element with a stable inverse, and the "
             f"recording names {named or 'none'}; name one, for example --element 4/s^2"
         )
-    if unseen := unseen_target(recording, model):
-        return unseen
-    missing = unrecorded(recording, model)
+    if missing := unrecorded(recording, model):
+        return missing
     for channel in model.channels:
-        name = channel.on
-        if name in missing:
-            return f"{name} is not recorded, so that the {channel.name} channel has no input"
         if (
             _absent(recording, recording.input("ft"), recording.e)
             if channel.on == "ft"
-            else motionless(recording, name)
+            else motionless(recording, channel.on)
         ):
-            return f"{name} does not move, so that the {channel.name} channel has no input"
+            return f"{channel.on} does not move, so that the {channel.name} channel has no input"
     return None
 
 
-def unrecorded(recording: Recording, model: PilotModel) -> list[str]:
-    """Names of the signals that a model's channels act on and that were not recorded.
+def unrecorded(recording: Recording, model: PilotModel) -> str | None:
+    """Why no method at all can treat a model: what it acts on, or sees ahead, was not recorded.
 
     A target is known from e and x as well.
     """
-    there = set(recording.signals)
-    there |= {"ft"} if {"e", "x"} <= there else set()
-    inputs = dict.fromkeys(channel.on for channel in model.channels)
-    return [name for name in inputs if name not in there]
-
-
-def unseen_target(recording: Recording, model: PilotModel) -> str | None:
-    """Why a model that looks ahead cannot be scored: the target it sees was not recorded."""
+    known = {*recording.signals, *(("ft",) if {"e", "x"} <= set(recording.signals) else ())}
+    missing = [channel.on for channel in model.channels if channel.on not in known]
+    if missing:
+        return (
+            f"model {model.name} acts on what is not recorded ({listed(dict.fromkeys(missing))}); "
+            f"name the column, for example --map {missing[0]}=COLUMN, or choose another model"
+        )
     if model.ahead <= 0.5 * recording.duration:
         return None
     return (
@@ -64,19 +60,6 @@ def unseen_target(recording: Recording, model: PilotModel) -> str | None:
         f"{recording.duration:.3g} s cannot be scored, since the target beyond it is not recorded; "
         "bound the look-ahead, for example --fix tlook=0..2"
     )
-
-
-def refusal(recording: Recording, model: PilotModel) -> str | None:
-    """Why no method at all can treat a model: signals that it acts on were not recorded."""
-    if missing := unrecorded(recording, model):
-        names = listed(missing)
-        return (
-            f"{recording.source}: model {model.name} acts on {names}, which "
-            f"{'is' if len(missing) == 1 else 'are'} not recorded; name the column, for example "
-            f"--map {missing[0]}=COLUMN, or choose another model"
-        )
-    unseen = unseen_target(recording, model)
-    return f"{recording.source}: {unseen}" if unseen else None
 
 
 def made_for(recording: Recording, model: PilotModel) -> PilotModel:
@@ -89,25 +72,6 @@ def made_for(recording: Recording, model: PilotModel) -> PilotModel:
         return model if element is None else model.with_element(element)
     except InputError:
         return model
-
-
-def response_at_rest(model: PilotModel) -> str | None:
-    """Why no method can identify a model: a factor's response at s = 0 is not a number.
-
-    Differentiators beside an integrator do not help: each factor is evaluated on its own.
-    """
-    with np.errstate(all="ignore"):
-        for channel in model.channels:
-            for factor in channel.dynamics:
-                starts = [np.array([p.start]) for p in factor.parameters]
-                if not np.isfinite(factor.response(np.zeros(1, dtype=complex), starts)).all():
-                    name = type(factor).__name__
-                    return (
-                        f"the response of {name} in the {channel.name} channel is not finite at "
-                        "s = 0: give it a pole below zero, for example a lag of 100 s in place of "
-                        "an integrator"
-                    )
-    return None
 
 
 def shared_signals(recording: Recording, model: PilotModel) -> str | None:
@@ -142,9 +106,8 @@ def varying(model: PilotModel) -> str | None:
     if not model.changes:
         return None
     return (
-        f"model {model.name} varies in time, and this method assumes constant parameters; use a "
-        "method for time-varying models (`pilotid check` lists those that can), or fit a constant "
-        "model"
+        f"model {model.name} varies in time, and this method assumes constant parameters; use mle, "
+        "or fit a constant model"
     )
 
 
@@ -194,7 +157,6 @@ def lines_objection(recording: Recording, model: PilotModel) -> str | None:
         return f"model {model.name} acts on the target alone, outside any loop"
     if dependent := dependent_signals(model):
         return dependent
-    fewest = min(own.size for own in lines.values())
     every = np.concatenate(list(lines.values()))
     for name in model.extra:
         values, noise = at_lines(recording, recording.input(name), every, lines)
@@ -211,9 +173,8 @@ def lines_objection(recording: Recording, model: PilotModel) -> str | None:
         return "two channels need both a target and a disturbance forcing function"
     if len(inputs) == 2 and not told_apart(recording):
         return "two channels need forcing functions without common lines in a run"
-    if fewest < 2:
+    if min(line.size for line in lines.values()) < 2:
         return "a forcing function has a single line, where two or more are needed"
-    count = sum(own.size for own in lines.values())
-    if 2 * count < len(model.parameters):
-        return f"{count} lines are too few for {len(model.parameters)} parameters"
+    if 2 * every.size < len(model.parameters):
+        return f"{every.size} lines are too few for {len(model.parameters)} parameters"
     return None

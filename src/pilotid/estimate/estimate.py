@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import enum
+import json
 import math
-from dataclasses import asdict, dataclass
-from html import escape
-from typing import TYPE_CHECKING
+import os
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from pilotid.estimate.draws import Draws
 from pilotid.estimate.loops import Loops, loops_of
 from pilotid.estimate.parts import (
     AnalysedBand,
@@ -20,20 +21,23 @@ from pilotid.estimate.parts import (
     plain_fields,
 )
 from pilotid.estimate.quantities import (
+    Draws,
     Pair,
     Quantity,
     combined,
     frame_of,
-    inseparable,
     quantity_tables,
     spans_decade,
 )
+from pilotid.model.catalogue import MODELS
 from pilotid.model.element import ControlledElement, as_element
 from pilotid.model.factors import Inverse
 from pilotid.model.model import PilotModel
+from pilotid.support.disk import require_file, strict_json, write_file
 from pilotid.support.format import as_text
+from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
-from pilotid.support.remarks import remark_of, remarks_json
+from pilotid.support.remarks import Remark, remark_of, remarks_json
 from pilotid.support.types import BoolArray, FloatArray, InputError
 
 if TYPE_CHECKING:
@@ -42,6 +46,8 @@ if TYPE_CHECKING:
 
     from pilotid.likelihood.scoring import Score
     from pilotid.recording.recording import Recording
+
+T = TypeVar("T")
 
 
 class Outcome(enum.Enum):
@@ -161,17 +167,13 @@ class Estimate:
         """Claimed standard errors, shape (parameters,)."""
         if self.errors is not None:
             return self.errors
-        return self._curvature
-
-    @property
-    def _curvature(self) -> FloatArray:
-        """The standard errors that the covariance tells."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def correlation(self) -> FloatArray:
         """Claimed correlation matrix, shape (parameters, parameters)."""
-        return self.covariance / np.outer(self._curvature, self._curvature)
+        errors = np.sqrt(np.diag(self.covariance))
+        return np.asarray(self.covariance / np.outer(errors, errors))
 
     @property
     def sentence(self) -> str:
@@ -182,12 +184,10 @@ class Estimate:
     def parameters(self) -> list[Quantity]:
         """The model's parameters, in model order."""
         numbers = np.column_stack([self.values, self.std_error, self.intervals]).tolist()
-        known = self.determined.tolist()
+        every = zip(self.model.parameters, numbers, self.determined.tolist(), strict=True)
         return [
-            Quantity(p.key, p.unit, value, error, low, high, determined)
-            for p, (value, error, low, high), determined in zip(
-                self.model.parameters, numbers, known, strict=True
-            )
+            Quantity(p.key, p.unit, value, error, low, high, known)
+            for p, (value, error, low, high), known in every
         ]
 
     @property
@@ -205,9 +205,28 @@ class Estimate:
 
     @property
     def inseparable(self) -> list[Pair]:
-        """Pairs of parameters that the recording cannot tell apart."""
-        keys, positive = self.model.keys, self.model.positive
-        return inseparable(keys, positive, self.values, self.covariance, self.draws)
+        """Pairs of parameters that the recording cannot tell apart.
+
+        They are correlated, by the draws where there are some, and one of them is little known.
+        """
+        if not (np.isfinite(self.values).all() and np.isfinite(self.covariance).all()):
+            return []
+        keys, positive = self.model.keys, self.model.positive & (self.values > 0.0)
+        if self.draws is None:
+            scale = np.where(positive, self.values, 1.0)
+            spread = self.covariance / np.outer(scale, scale)
+        else:
+            draws = self.draws.values[:, : len(keys)]
+            inner = np.where(positive, np.log(np.where(positive, draws, 1.0)), draws)
+            spread = np.atleast_2d(np.cov(inner.T, ddof=0))
+        error = np.sqrt(np.diag(spread))
+        if not (error > 0.0).all():
+            return []
+        correlation = spread / np.outer(error, error)
+        relative = np.where(positive, error, error / np.maximum(np.abs(self.values), 1e-9))
+        vague = np.maximum.outer(relative, relative) > ESTIMATE.well_known
+        places = np.argwhere(np.triu(vague & (np.abs(correlation) >= ESTIMATE.collinear), 1))
+        return [Pair(keys[i], keys[j], float(correlation[i, j])) for i, j in places]
 
     @property
     def quantities(self) -> list[Quantity]:
@@ -216,10 +235,10 @@ class Estimate:
 
     def __getitem__(self, key: str) -> Quantity:
         """A parameter, product or sum by its key: value, standard error, interval and unit."""
-        found = {quantity.key: quantity for quantity in self.quantities}
-        if key not in found:
-            raise KeyError(f"{key}: the estimate has {', '.join(found)}")
-        return found[key]
+        by_key = {quantity.key: quantity for quantity in self.quantities}
+        if key not in by_key:
+            raise KeyError(f"{key}: the estimate has {', '.join(by_key)}")
+        return by_key[key]
 
     def verdict(self, *, timed: bool = True) -> str:
         """One line that says how the fit ended, and how well the model describes the control.
@@ -245,11 +264,6 @@ class Estimate:
         return f"{self.method}: {'; '.join(parts)}"
 
     def __repr__(self) -> str:
-        numbers = ", ".join(f"{q.key} {q.shown()[0]}" for q in self.parameters)
-        told = numbers if self.outcome.usable else self.outcome.value
-        return f"<Estimate of model {self.model.name} by {self.method}: {told}>"
-
-    def __str__(self) -> str:
         """All quantities, verdict and remarks, as `pilotid fit` prints them."""
         lines = []
         if np.isfinite(self.values).any():
@@ -259,11 +273,8 @@ class Estimate:
         return "\n".join([*lines, *self.model.held_words, *tested, self.verdict(), *self.remarks])
 
     def summary(self) -> str:
-        """All quantities, the verdict and the remarks, to print; a notebook shows the estimate."""
-        return str(self)
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(str(self))}</pre>"
+        """All quantities, the verdict and the remarks, to print."""
+        return repr(self)
 
     def to_dict(self, *, draws: bool = False) -> dict[str, object]:
         """Plain objects, in the form that `pilotid fit --json` writes; NaN where there is none.
@@ -291,8 +302,8 @@ class Estimate:
             "correlation": self.correlation.tolist(),
             "covariance": self.covariance.tolist(),
             "inseparable": [
-                {"parameters": [first, second], "correlation": correlation}
-                for first, second, correlation in self.inseparable
+                {"parameters": pair[:2], "correlation": pair.correlation}
+                for pair in self.inseparable
             ],
             "vaf": self.vaf,
             "criterion": self.criterion,
@@ -305,7 +316,7 @@ class Estimate:
             "grades": [remark_of(remark).grade for remark in self.remarks],
         }
         if self.remnant is not None:
-            result["remnant"] = self.remnant.to_dict()
+            result["remnant"] = plain_fields(self.remnant)
         if self.frequency_response is not None:
             names = [channel.name for channel in model.channels]
             result["frequency_response"] = self.frequency_response.to_dict(names)
@@ -325,8 +336,8 @@ class Estimate:
         element
             The element, or a text for one.
         """
-        found = as_element(element)
-        return loops_of(self.model, self.values, self.covariance, self.draws, found)
+        given = as_element(element)
+        return loops_of(self.model, self.values, self.covariance, self.draws, given)
 
     def simulate(self, recording: Recording) -> DataFrame:
         """The response to the recorded inputs: columns run, time, control and simulated.
@@ -487,3 +498,131 @@ def bounds_reached(model: PilotModel, values: FloatArray) -> str:
         if is_low or is_high
     ]
     return ", ".join(named)
+
+
+# ------------------------------------------------------------------------------- files
+
+
+def save(estimate: Estimate, path: str | os.PathLike[str]) -> None:
+    """Write an estimate to a file in the form of ``pilotid fit --json``, with its draws.
+
+    Parameters
+    ----------
+    estimate
+        Any estimate.
+    path
+        The file, which is written over.
+    """
+    entry = {"model": estimate.model.name, "estimates": [estimate.to_dict(draws=True)]}
+    write_file(Path(path), strict_json(entry).encode())
+
+
+def load_estimate(
+    path: str | os.PathLike[str], method: str | None = None, model: PilotModel | None = None
+) -> Estimate:
+    """The estimate that `save` or ``pilotid fit --json`` wrote.
+
+    It has no responses of a first step, and of the latter no draws.
+
+    Parameters
+    ----------
+    path
+        The file.
+    method
+        Which of several estimates; None where there is one.
+    model
+        The model, needed where it is none of the catalogue.
+
+    Raises
+    ------
+    InputError
+        If the file holds no estimate or several, or the model is not known.
+    """
+    file = Path(path)
+    require_file(file)
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        fits = content if isinstance(content, list) else [content]
+        every = [entry for fit in fits for entry in fit["estimates"]]
+        chosen = [entry for entry in every if method in (None, entry["method"])]
+        if len(chosen) == 1:
+            return _estimate(chosen[0], model or _model(chosen[0]))
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            f"{file}: holds no estimate; give a file that pilotid.save or pilotid fit --json wrote"
+        ) from error
+    raise InputError(
+        f"{file}: holds {len(chosen)} estimates, of {', '.join(e['method'] for e in every)}; name "
+        "the method of one, as in load_estimate(path, 'mle')"
+    )
+
+
+def _estimate(entry: dict[str, Any], model: PilotModel) -> Estimate:
+    numbers = entry["parameters"]
+    if tuple(numbers) != model.keys:
+        raise InputError(f"is an estimate of {', '.join(numbers)}, not of model {model.name}")
+    values, errors, intervals = (
+        np.array([number[name] for number in numbers.values()], dtype=float)
+        for name in ("value", "std_error", "interval_95")
+    )
+    covariance = np.array(entry["covariance"], dtype=float)
+    outcome = next(o for o in Outcome if o.slug == entry["outcome"])
+    return Estimate(
+        entry["method"],
+        model,
+        outcome,
+        values,
+        covariance,
+        intervals,
+        message=entry["message"].removeprefix(outcome.value)[2:-1],
+        iterations=entry["iterations"],
+        errors=None if np.array_equal(errors, np.sqrt(np.diag(covariance)), True) else errors,
+        remarks=tuple(map(Remark, entry["codes"], entry["remarks"], entry["grades"])),
+        vaf=_number(entry["vaf"]),
+        criterion=_number(entry["criterion"]),
+        seconds=_number(entry["seconds"]),
+        starts=_part(Starts, entry["starts"]),
+        remnant=_part(RemnantEstimate, entry.get("remnant")),
+        draws=_part(Draws, entry.get("draws")),
+        band=_part(AnalysedBand, entry["band"]),
+        specification=_part(Specification, entry["specification"]),
+    )
+
+
+def _number(given: float | None) -> float:
+    return math.nan if given is None else given
+
+
+def _part(kind: type[T], entry: dict[str, Any] | None) -> T | None:
+    """A part of an estimate from the entries that are its fields, None from nothing."""
+    if entry is None:
+        return None
+    values: dict[str, Any] = {}
+    for field in fields(kind):  # type: ignore[arg-type]
+        value, form = entry[field.name], str(field.type)
+        if "Array" in form:
+            value = np.array(value, dtype=bool if "Bool" in form else float)
+        elif form.startswith("tuple"):
+            value = tuple(value)
+        values[field.name] = _number(value) if form == "float" else value
+    return kind(**values)
+
+
+def _model(entry: dict[str, Any]) -> PilotModel:
+    """The model of the catalogue with the name, element, bounds and fixed values of an entry."""
+    about = entry["model"]
+    if about["name"] not in MODELS:
+        raise InputError(
+            f"model {about['name']} is none of the catalogue; give it, as in "
+            "load_estimate(path, model=mine)"
+        )
+    model = MODELS[about["name"]]
+    if element := _part(ControlledElement, about["element"]):
+        model = model.with_element(element)
+    model = model.with_fixed(**entry["held"])
+    usual = {p.key: [p.lower, p.upper] for p in model.parameters}
+    return model.with_bounds(
+        **{key: tuple(ends) for key, ends in about["bounds"].items() if ends != usual.get(key)}
+    )

@@ -7,13 +7,14 @@ first order; the controlled element is taken as known.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from pilotid.checks.checks import motionless
-from pilotid.estimate.draws import Draws
-from pilotid.estimate.quantities import Quantity, sampled
+from pilotid.estimate.quantities import Draws, Quantity, normal, sampled
 from pilotid.model.element import ControlledElement
 from pilotid.model.loops import (
     GRID,
@@ -22,19 +23,22 @@ from pilotid.model.loops import (
     loop_slopes,
     margin,
     open_loops,
-    why_no_crossing,
 )
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.support.limits import ESTIMATE, SIGNAL
-from pilotid.support.numbers import Z95
 from pilotid.support.remarks import Remark, remarks_json
 from pilotid.support.types import ComplexArray, FloatArray
 
 NAMES = ("target", "disturbance")
+UNITS = {"crossover": "rad/s", "phase_margin": "deg", "effective_delay": "s"}
 COARSE = GRID[:: len(GRID) // 1000]  # for many sets of parameters
 COUNT = 1000  # draws of a posterior
-NEAR = 2.0  # times the estimate's crossover; other crossings lie further off
+NO_CROSSING = (
+    f"no crossing: the magnitude does not fall through one between {GRID[0]:g} and {GRID[-1]:g} "
+    "rad/s"
+)
+NEAREST_RATIO = 2.0  # times the estimate's crossover; other crossings lie further off
 
 
 def loops_of(
@@ -56,22 +60,20 @@ def loops_of(
     is_known = bool(np.isfinite(values).all())
     if why := model.no_loop if is_known else "the fit failed":
         return Loops(element, no_loop("target", why), no_loop("disturbance", why))
-    remarks = []
-    if not is_stable(model, values, element):
-        remarks.append(
-            Remark(
-                "unstable-loop",
-                f"the fitted loop with {element.name or 'this element'} is unstable, though "
-                "the recorded one was not: the model, the controlled element or a sign is wrong, "
-                "or the estimate is poor; do not use its margins",
-            )
-        )
     if draws is None:
         target, disturbance = _by_delta(model, values, covariance, element)
     else:
         sets = draws.thinned(COUNT)[:, : len(model.parameters)]
         target, disturbance = sampled_loops(model, values, sets, element)
-    return Loops(element, target, disturbance, tuple(remarks))
+    if is_stable(model, values, element):
+        return Loops(element, target, disturbance)
+    remark = Remark(
+        "unstable-loop",
+        f"the fitted loop with {element.name or 'this element'} is unstable, though the recorded "
+        "one was not: the model, the controlled element or a sign is wrong, or the estimate is "
+        "poor; do not use its margins",
+    )
+    return Loops(element, target, disturbance, (remark,))
 
 
 # ------------------------------------------------------------------ to first order
@@ -84,21 +86,17 @@ def _by_delta(
     for i, (name, loop) in enumerate(
         zip(NAMES, open_loops(model, values, element, GRID), strict=True)
     ):
-        found = margin(GRID, loop)
-        if math.isnan(found.crossover):
-            result.append(no_loop(name, why_no_crossing(GRID, loop)))
+        at = margin(GRID, loop)
+        if math.isnan(at.crossover):
+            result.append(no_loop(name, NO_CROSSING))
             continue
-        slopes = margin_slopes(model, values, element, found.crossover)[i]
-        delay = float(effective_delay(found.crossover, found.phase_margin))
-        by_delay = -(delay * slopes[0] + np.radians(slopes[1])) / found.crossover
+        slopes = margin_slopes(model, values, element, at.crossover)[i]
+        delay = float(effective_delay(at.crossover, at.phase_margin))
+        by_delay = -(delay * slopes[0] + np.radians(slopes[1])) / at.crossover
         slopes = np.vstack([slopes, by_delay])
         errors = np.sqrt(np.einsum("qi,ij,qj->q", slopes, covariance, slopes)).tolist()
-        numbers = zip((found.crossover, found.phase_margin, delay), errors, strict=True)
-        crossover, phase_margin, late = (
-            Quantity(*named, value, error, value - Z95 * error, value + Z95 * error)
-            for named, (value, error) in zip(loop_keys(name), numbers, strict=True)
-        )
-        result.append(Loop(name, crossover, phase_margin, late, found.others))
+        numbers = zip((at.crossover, at.phase_margin, delay), errors, strict=True)
+        result.append(_loop(name, numbers, normal, at.others))
     return result
 
 
@@ -153,31 +151,29 @@ def sampled_loops(
     A loop may have several crossings; of each draw the one nearest to that of the estimate
     `centre` counts, and its phase margin is continuous about the estimate's.
     """
-    every = [open_loops(model, own, element, COARSE) for own in sets]
+    every = [open_loops(model, values, element, COARSE) for values in sets]
     result = []
     for i, (name, loop) in enumerate(
         zip(NAMES, open_loops(model, centre, element, GRID), strict=True)
     ):
-        own = margin(GRID, loop)
-        nearest = [_nearest(loops[i], own.crossover) for loops in every]
+        at = margin(GRID, loop)
+        nearest = [_nearest(loops[i], at.crossover) for loops in every]
         kept = np.array([pair for pair in nearest if pair], dtype=float).reshape(-1, 2)
         lost, remark = 1.0 - len(kept) / len(sets), ""
-        if math.isnan(own.crossover):
-            remark = why_no_crossing(GRID, loop)
+        if math.isnan(at.crossover):
+            remark = NO_CROSSING
         elif lost > ESTIMATE.lost_crossing:
             remark = (
                 f"in {100.0 * lost:.0f} % of the draws its magnitude does not fall through one "
-                f"near {own.crossover:.3g} rad/s; they are left out"
+                f"near {at.crossover:.3g} rad/s; they are left out"
             )
         if not len(kept):
-            result.append(no_loop(name, remark, own.others))
+            result.append(no_loop(name, remark, at.others))
             continue
         frequency, phase = kept.T
-        phase = phase + 360.0 * np.round((own.phase_margin - phase) / 360.0)
-        numbers = (frequency, phase, effective_delay(frequency, phase))
-        pairs = zip(loop_keys(name), numbers, strict=True)
-        crossover, phase_margin, late = (sampled(*named, values) for named, values in pairs)
-        result.append(Loop(name, crossover, phase_margin, late, own.others, remark))
+        phase = phase + 360.0 * np.round((at.phase_margin - phase) / 360.0)
+        draws = [(q,) for q in (frequency, phase, effective_delay(frequency, phase))]
+        result.append(_loop(name, draws, sampled, at.others, remark))
     return result
 
 
@@ -185,7 +181,7 @@ def _nearest(loop: ComplexArray, start: float) -> tuple[float, float] | None:
     """Frequency and phase margin of the crossing nearest to `start`; None if none is near."""
     frequency, phase_margin = crossings(COARSE, loop)
     away = np.abs(np.log(frequency / start))
-    near = away <= np.log(NEAR)  # nor is NaN
+    near = away <= np.log(NEAREST_RATIO)  # nor is NaN
     if not near.any():
         return None
     i = int(np.argmin(away))
@@ -218,21 +214,16 @@ class Loop:
     @property
     def notes(self) -> list[str]:
         """What should be known of it, a sentence each."""
-        found = [f"{self.name} loop: {self.remark}"] if self.remark else []
+        sentences = [f"{self.name} loop: {self.remark}"] if self.remark else []
         if self.others:
             where = ", ".join(f"{w:.3g}" for w in self.others)
-            found.append(f"the {self.name} loop falls through one again at {where} rad/s")
-        return found
+            sentences.append(f"the {self.name} loop falls through one again at {where} rad/s")
+        return sentences
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them."""
-        return {
-            "crossover": self.crossover.to_dict(),
-            "phase_margin": self.phase_margin.to_dict(),
-            "effective_delay": self.effective_delay.to_dict(),
-            "others": list(self.others),
-            "remark": self.remark,
-        }
+        numbers = {what: getattr(self, what).to_dict() for what in UNITS}
+        return {**numbers, "others": list(self.others), "remark": self.remark}
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,17 +286,19 @@ class Loops:
 
 def no_loop(name: str, why: str, others: tuple[float, ...] = ()) -> Loop:
     """A loop without a crossover, and why."""
-    nan = math.nan
+    return _loop(name, [(math.nan, math.nan)] * 3, normal, others, why)
+
+
+def _loop(
+    name: str,
+    numbers: Iterable[tuple[Any, ...]],
+    quantity: Callable[..., Quantity],
+    others: tuple[float, ...],
+    remark: str = "",
+) -> Loop:
+    """A loop of the numbers that a quantity is made of, in the order of `UNITS`."""
+    named = zip(UNITS.items(), numbers, strict=True)
     crossover, phase_margin, late = (
-        Quantity(*named, nan, nan, nan, nan) for named in loop_keys(name)
+        quantity(f"{name}_{what}", unit, *given) for (what, unit), given in named
     )
-    return Loop(name, crossover, phase_margin, late, others, why)
-
-
-def loop_keys(name: str) -> tuple[tuple[str, str], ...]:
-    """Keys and units of a loop's three quantities."""
-    return (
-        (f"{name}_crossover", "rad/s"),
-        (f"{name}_phase_margin", "deg"),
-        (f"{name}_effective_delay", "s"),
-    )
+    return Loop(name, crossover, phase_margin, late, others, remark)

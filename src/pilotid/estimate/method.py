@@ -1,33 +1,41 @@
-"""What a method is, and running one."""
+"""What a method is, and the estimates that one or several make of a recording."""
 
 from __future__ import annotations
 
 import math
 import os
 import re
+import sys
 import time
 import traceback
-from dataclasses import replace
+from collections.abc import Mapping
+from contextlib import redirect_stdout
+from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib import import_module
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from pilotid.checks.checks import remarks
 from pilotid.estimate.applicability import made_for, motionless_input
 from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.estimate.loops import Loops
 from pilotid.estimate.parts import AnalysedBand
 from pilotid.estimate.warnings import all_remarks
 from pilotid.model.model import PilotModel
 from pilotid.naming.code import reason
 from pilotid.recording.recording import Recording
-from pilotid.support.numbers import require_settings
+from pilotid.recording.spectra import NotMultisineError, forcing_sines
+from pilotid.support.numbers import fit_rng, require_settings
+from pilotid.support.remarks import Remark, gravest_first, remark_of, remarks_json, without
 from pilotid.support.types import InputError, one_line
+
+if TYPE_CHECKING:
+    from pilotid.element_fit import ElementChoice
 
 #: The environment variable that asks for tracebacks of methods that raise.
 TRACEBACK = "PILOTID_TRACEBACK"
-
-#: Rounding that a correlation matrix may show: Kvis and tlead are correlated at -0.99.
-ROUNDING = 1e-6
 
 
 class Method(Protocol):
@@ -141,10 +149,7 @@ def _outcome_of(error: BaseException) -> tuple[Outcome, str]:
 
 def method_fault(thing: object) -> str:
     """Why a thing taken from code is no method, empty if it is one."""
-    try:
-        name = getattr(thing, "name", None)
-    except Exception as error:
-        return f"its name cannot be read ({reason(error)})"
+    name = getattr(thing, "name", None)
     if not isinstance(name, str) or not re.fullmatch(r"\w[\w.+-]{0,60}", name, re.ASCII):
         return "a method needs a `name` of letters, digits and the signs . + -"
     lacking = [word for word in ("fit", "objection") if not callable(getattr(thing, word, None))]
@@ -162,8 +167,6 @@ def fault_of(estimate: object, model: PilotModel) -> str:
         return "it is an estimate of another model"
     count = len(model.parameters)
     shapes = {"values": (count,), "covariance": (count, count), "intervals": (count, 2)}
-    if estimate.errors is not None:
-        shapes["errors"] = (count,)
     for name, shape in shapes.items():
         given = getattr(estimate, name)
         if (
@@ -172,37 +175,146 @@ def fault_of(estimate: object, model: PilotModel) -> str:
             or given.dtype.kind not in "fiu"
         ):
             return f"its {name} are no array of real numbers of the shape {shape}"
-    outcome: object = estimate.outcome
-    if not isinstance(outcome, Outcome):
-        return f"its outcome is of the type {type(outcome).__name__}"
-    return _senseless(estimate) if estimate.outcome.usable else ""
-
-
-def _senseless(estimate: Estimate) -> str:
-    """What a usable estimate claims that cannot be."""
     values, covariance = estimate.values, estimate.covariance
     low, high = estimate.intervals.T
-    claims = [
-        covariance,
-        estimate.intervals,
-        *([] if estimate.errors is None else [estimate.errors]),
-    ]
-    if np.isfinite(values).all() and all(np.isnan(claim).all() for claim in claims):
+    if not estimate.outcome.usable:
+        return ""
+    if np.isfinite(values).all() and np.isnan(covariance).all() and np.isnan(low).all():
         return ""  # values alone
     if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
         return "a value or its covariance is not finite"
-    variances = np.diag(covariance)
-    if not (variances > 0.0).all():
+    if not (np.diag(covariance) > 0.0).all():
         return "a variance is not positive"
-    correlation = covariance / np.sqrt(np.outer(variances, variances))
-    if not np.allclose(correlation, correlation.T, rtol=0.0, atol=ROUNDING):
-        return "the covariance is not symmetric"
-    if np.linalg.eigvalsh(correlation)[0] < -ROUNDING:
-        return "the covariance is not positive"
-    if not (np.isfinite(estimate.std_error) & (estimate.std_error > 0.0)).all():
-        return "a standard error is not positive"
     if not ((low <= values) & (values <= high)).all():
         return "an interval does not hold its value"
-    if not (np.isnan(estimate.vaf) or 0.0 <= estimate.vaf <= 100.0):
-        return f"a VAF of {float(estimate.vaf):g} % cannot be"
     return ""
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """All estimates of one model from one recording.
+
+    Attributes
+    ----------
+    recording, model
+        What was fitted to what.
+    estimates
+        One for each method.
+    remarks
+        What is wrong with the recording, a sentence each.
+    loop_element
+        The controlled element that loops are drawn with; None where nobody asked for loops.
+    choice
+        Why the model was chosen, in sentences; empty where it was named.
+    compared
+        Plain objects on the models that were compared.
+    ignored
+        Codes of remarks that the user does not want to see.
+    """
+
+    recording: Recording
+    model: PilotModel
+    estimates: tuple[Estimate, ...]
+    remarks: tuple[str, ...] = ()
+    loop_element: ElementChoice | None = None
+    choice: str = ""
+    compared: tuple[Mapping[str, object], ...] = ()
+    ignored: frozenset[str] = frozenset()
+
+    def without(self, codes: frozenset[str]) -> Fitted:
+        """The same without remarks of these codes."""
+        estimates = tuple(replace(e, remarks=without(e.remarks, codes)) for e in self.estimates)
+        remarks = without(self.remarks, codes)
+        return replace(self, estimates=estimates, remarks=remarks, ignored=codes)
+
+    @cached_property
+    def loops(self) -> tuple[Loops, ...]:
+        """The loops of each estimate, in their order; empty where no element is known."""
+        if self.loop_element is None or self.loop_element.element is None:
+            return ()
+        element = self.loop_element.element
+        every = (e.loops(element).excited_by(self.recording) for e in self.estimates)
+        return tuple(replace(own, remarks=without(own.remarks, self.ignored)) for own in every)
+
+    @property
+    def heading(self) -> str:
+        """One line that says what was fitted to what."""
+        return f"{self.recording.description}; model {self.model.name}"
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, in the form that `pilotid fit --json` writes."""
+        return {
+            "recording": {
+                **self.recording.to_dict(),
+                "forcing": self._forcing(),
+                **remarks_json(self.remarks),
+            },
+            **({"ignored": sorted(self.ignored)} if self.ignored else {}),
+            "model": self.model.name,
+            **({"choice": self.choice, "models": list(self.compared)} if self.choice else {}),
+            "estimates": [
+                {**estimate.to_dict(), **loops}
+                for estimate, loops in zip(self.estimates, self._loop_dicts(), strict=True)
+            ],
+        }
+
+    def _forcing(self) -> dict[str, object]:
+        """The forcing functions as sums of sines; none where they are something else."""
+        try:
+            return {**forcing_sines(self.recording)}
+        except NotMultisineError:
+            return {}
+
+    def _loop_dicts(self) -> list[dict[str, object]]:
+        """What the loops add to each estimate's object."""
+        given = self.loop_element
+        if given is None:
+            return [{} for _ in self.estimates]
+        if given.element is None:
+            why = Remark("element-unknown", given.why)
+            return [{"loops": {"element": None, **remarks_json([why])}} for _ in self.estimates]
+        return [{"loops": {**loops.to_dict(), "origin": given.origin}} for loops in self.loops]
+
+    @property
+    def graded(self) -> dict[Remark, str]:
+        """All remarks, each once with what it is about, those that say what is wrong first."""
+        said = [("recording", remark_of(remark)) for remark in self.remarks]
+        said += [(e.method, remark_of(remark)) for e in self.estimates for remark in e.remarks]
+        pairs = zip(self.estimates, self.loops, strict=False)
+        said += [(e.method, remark_of(remark)) for e, loops in pairs for remark in loops.remarks]
+        about: dict[Remark, str] = {}
+        for remark in gravest_first(remark for _, remark in said):
+            about[remark] = ", ".join(dict.fromkeys(who for who, other in said if other == remark))
+        return about
+
+    @property
+    def warnings(self) -> list[str]:
+        """All remarks in words, those that say what is wrong first."""
+        return [remark.line(about) for remark, about in self.graded.items()]
+
+
+def fit_all(
+    recording: Recording,
+    model: PilotModel,
+    methods: Mapping[str, Method],
+    seed: int,
+    loop_element: ElementChoice | None = None,
+) -> Fitted:
+    """Run methods, by their labels, on a recording, each with its own random generator.
+
+    Parameters
+    ----------
+    recording, model, methods, seed
+        What is fitted to what.
+    loop_element
+        The controlled element that loops are drawn with, see
+        `pilotid.element_fit.chosen_element`; None for no loops.
+    """
+    closed = recording if loop_element is None else loop_element.named_in(recording)
+    with redirect_stdout(sys.stderr):  # what methods of others print is no part of an answer
+        estimates = tuple(
+            replace(identify(method, closed, model, fit_rng(seed, label)), method=label)
+            for label, method in methods.items()
+        )
+    about_recording = (*remarks(closed), *(loop_element.remarks if loop_element else ()))
+    return Fitted(recording, model, estimates, about_recording, loop_element)

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import LEVEL
 from pilotid.support.remarks import Grade, Remark
 from pilotid.support.types import ComplexArray, FloatArray
 
-NOTHING = np.zeros(0)
+EMPTY = np.zeros(0)
 
 
 def plain_fields(thing: Any) -> dict[str, object]:
@@ -44,8 +43,8 @@ class AnalysedBand:
 
     highest: float
     likelihood: str = ""
-    omega: FloatArray = field(default_factory=lambda: NOTHING)
-    weights: FloatArray = field(default_factory=lambda: NOTHING)
+    omega: FloatArray = field(default_factory=lambda: EMPTY)
+    weights: FloatArray = field(default_factory=lambda: EMPTY)
     floors: Mapping[str, float] = field(default_factory=dict)
     element: str = ""
 
@@ -58,10 +57,10 @@ class AnalysedBand:
     @property
     def words(self) -> str:
         """What was analysed, in a few words."""
-        told = f"analysed up to {self.highest:.3g} rad/s"
+        words = f"analysed up to {self.highest:.3g} rad/s"
         if self.half < 0.95 * self.highest:
-            told += f", half weight from {self.half:.3g}: the recorder's floor"
-        return told
+            words += f", half weight from {self.half:.3g}: the recorder's floor"
+        return words
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them."""
@@ -105,10 +104,6 @@ class RemnantEstimate:
             words += f", from {self.parameters['corner']:.2g} rad/s"
         return words
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain objects, as JSON has them."""
-        return plain_fields(self)
-
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
@@ -137,13 +132,6 @@ class FrequencyResponse:
     systematic: FloatArray | None = None
     note: str = ""
 
-    def __post_init__(self) -> None:
-        size = 2 * self.value.size
-        if self.value.ndim != 2 or self.value.shape[1] != self.omega.size:
-            raise ValueError("the response must have the shape (channels, frequencies)")
-        if self.covariance.shape != (size, size):
-            raise ValueError(f"the covariance must have the shape ({size}, {size})")
-
     @property
     def std(self) -> FloatArray:
         """Root mean square of the random error, of value less true value, (channels, n)."""
@@ -153,17 +141,11 @@ class FrequencyResponse:
     def to_dict(self, names: Sequence[str]) -> dict[str, object]:
         """Plain objects, as JSON has them, with the channels by these names."""
         result: dict[str, object] = {"omega": self.omega.tolist()}
-        if self.note:
-            result["note"] = self.note
+        result |= {"note": self.note} if self.note else {}
+        parts = {"real": self.value.real, "imag": self.value.imag, "std": self.std}
+        parts |= {} if self.systematic is None else {"systematic": self.systematic}
         for c, name in enumerate(names):
-            entry = {
-                "real": self.value[c].real.tolist(),
-                "imag": self.value[c].imag.tolist(),
-                "std": self.std[c].tolist(),
-            }
-            if self.systematic is not None:
-                entry["systematic"] = self.systematic[c].tolist()
-            result[name] = entry
+            result[name] = {part: values[c].tolist() for part, values in parts.items()}
         return result
 
 
@@ -223,12 +205,8 @@ class Specification:
     @property
     def sentence(self) -> str:
         """The test in words."""
-        p = f"{self.against} (p = {self.p_value:.2g})"
-        if not self.agrees:
-            return f"specification: disagrees with {p}"
-        if self.p_value < LEVEL:
-            return f"specification: differs at the 5 % level, but not clearly, from {p}"
-        return f"specification: no significant difference from {p}"
+        verb = "consistent with" if self.agrees else "contradicts"
+        return f"specification: {verb} {self.against} (p = {self.p_value:.2g})"
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
@@ -236,15 +214,12 @@ class Specification:
         if self.agrees:
             return ()
         grade: Grade = "wrong" if self.p_value < ESTIMATE.surely_misspecified else "doubt"
-        return (
-            Remark(
-                "misspecified",
-                f"the estimate contradicts the forcing functions (p = {self.p_value:.1g}): the "
-                f"model or the recording is not as the method assumes; fit with {self.against} as "
-                "well, and do not use what differs",
-                grade,
-            ),
+        sentence = (
+            f"the estimate contradicts the forcing functions (p = {self.p_value:.1g}): the model "
+            f"or the recording is not as the method assumes; fit with {self.against} as well, and "
+            "do not use what differs"
         )
+        return (Remark("misspecified", sentence, grade),)
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects."""

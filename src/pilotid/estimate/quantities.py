@@ -1,4 +1,4 @@
-"""Quantities with errors and intervals: parameters, products of them, and their symbols."""
+"""Quantities with errors and intervals, their symbols, and the draws of a posterior."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pilotid.estimate.draws import TAILS, Draws, shortest_interval
 from pilotid.support.format import Table, decimals, table
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
+    from arviz_base import DataTree
     from pandas import DataFrame
+
+SHARE = 0.95  # of the intervals
+TAILS = (0.5 * (1.0 - SHARE), 0.5 * (1.0 + SHARE))
 
 #: Symbols by key; a number behind a key becomes an index.
 SYMBOLS = {
@@ -33,9 +36,6 @@ SYMBOLS = {
     "tde": r"\tau_e",
     "tleadlow": "T_K",
     "tlaglow": "T_K'",
-    "Kpf": "K_{pf}",
-    "tpf": "T_{pf}",
-    "Koto": "K_{oto}",
     "Kt": "K_t",
     "tlagt": "T_{I,t}",
     "tdt": r"\tau_t",
@@ -67,22 +67,119 @@ SYMBOLS = {
 
 def symbol(key: str) -> str:
     """The symbol of a quantity between dollar signs; a key without one stays as it is."""
-    found = []
+    symbols = []
     for part in re.split(r"([*/+])", key):
         name, index = re.split(r"(\d*)\Z", part, maxsplit=1)[:2]
-        own = SYMBOLS.get(part) or SYMBOLS.get(name)
-        if own is None and part not in ("*", "/", "+"):
+        sign = SYMBOLS.get(part) or SYMBOLS.get(name)
+        if sign is None and part not in ("*", "/", "+"):
             return key
-        if own and index:
-            base, underline, below = own.partition("_")
-            own = f"{base}_{{{below.strip('{}')},{index}}}" if underline else f"{own}_{index}"
-        found.append(own or {"*": r"\,"}.get(part, part))
-    return f"${''.join(found)}$"
+        if sign and index:
+            base, underline, below = sign.partition("_")
+            sign = f"{base}_{{{below.strip('{}')},{index}}}" if underline else f"{sign}_{index}"
+        symbols.append(sign or {"*": r"\,"}.get(part, part))
+    return f"${''.join(symbols)}$"
 
 
 def unit_words(unit: str) -> str:
     """A unit as figures have it."""
     return unit.replace("^2", "²")
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Draws of a posterior by ensembles of walkers.
+
+    Attributes
+    ----------
+    keys
+        Names of the parameters, the pilot's first.
+    positive
+        Which of them were sampled by their logarithm, shape (parameters,).
+    values
+        Parameter values, shape (draws, parameters); ensemble by ensemble, in each step by step,
+        in each walker by walker.
+    log_density
+        Of the posterior on the scale it was sampled on, up to a constant, shape (draws,).
+    chains
+        Ensembles, steps of each that were kept, and walkers.
+    effective
+        Effective number of draws of each parameter, shape (parameters,).
+    r_hat
+        Rank-normalised split R-hat across ensembles, shape (parameters,).
+    autocorrelation
+        Integrated autocorrelation time [steps], shape (parameters,).
+    acceptance
+        Share of the proposals that were accepted.
+    converged
+        Whether there are as many effective draws as asked, and the ensembles agree.
+    """
+
+    keys: tuple[str, ...]
+    positive: BoolArray
+    values: FloatArray
+    log_density: FloatArray
+    chains: tuple[int, int, int]
+    effective: FloatArray
+    r_hat: FloatArray
+    autocorrelation: FloatArray
+    acceptance: float
+    converged: bool
+
+    @property
+    def centre(self) -> FloatArray:
+        """Means on the scale of sampling: geometric ones of positive parameters, (parameters,).
+
+        They keep the product of gain and lead time, which is well known, as the product of
+        means does not.
+        """
+        positive = self.positive
+        logs = np.log(np.where(positive, self.values, 1.0))
+        return np.asarray(np.where(positive, np.exp(logs.mean(axis=0)), self.values.mean(axis=0)))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Posterior covariance, shape (parameters, parameters)."""
+        return np.atleast_2d(np.cov(self.values.T, ddof=0))
+
+    @property
+    def equal_tailed(self) -> FloatArray:
+        """95 % intervals with as much outside on either side, shape (parameters, 2)."""
+        return np.quantile(self.values, TAILS, axis=0).T
+
+    @property
+    def highest_density(self) -> FloatArray:
+        """The shortest 95 % intervals, shape (parameters, 2)."""
+        return np.array([shortest_interval(own) for own in self.values.T])
+
+    def thinned(self, count: int) -> FloatArray:
+        """So many draws, evenly from all of them, shape (count, parameters)."""
+        every = (np.arange(count) + 0.5) * (len(self.values) / count)
+        return np.asarray(self.values[every.astype(int)])
+
+    def to_arviz(self) -> DataTree:
+        """The draws for ArviZ: walkers are its chains.
+
+        Raises
+        ------
+        ImportError
+            Without the package arviz-base, which ``pip install 'pilotid[posterior]'`` brings.
+        """
+        from arviz_base import from_dict
+
+        ensembles, steps, walkers = self.chains
+        shaped = self.values.reshape(ensembles, steps, walkers, -1).transpose(0, 2, 1, 3)
+        chains = shaped.reshape(ensembles * walkers, steps, -1)
+        return from_dict({"posterior": {key: chains[..., i] for i, key in enumerate(self.keys)}})
+
+
+def shortest_interval(values: FloatArray) -> FloatArray:
+    """The shortest interval that holds 95 % of values, shape (2,).
+
+    For a density with one mode that is the interval of highest density.
+    """
+    low = np.linspace(0.0, 1.0 - SHARE, 401)
+    ends = np.quantile(values, [low, low + SHARE])
+    return np.asarray(ends[:, int(np.argmin(ends[1] - ends[0]))])
 
 
 UNDETERMINED = "not determined"  # in the place of a value and its error
@@ -211,10 +308,17 @@ def sampled(
 ) -> Quantity:
     """The posterior of a quantity, `positive` or not, from its draws, shape (draws,)."""
     mean, error = float(values.mean()), float(values.std())
-    (low, high), densest = np.quantile(values, TAILS).tolist(), shortest_interval(values)
+    low, high = np.quantile(values, TAILS).tolist()
+    first, last = shortest_interval(values).tolist()
     known = not (positive and spans_decade(low, high))
-    ends = float(densest[0]), float(densest[1])
-    return Quantity(key, unit, mean, error, low, high, known, ends, effective, r_hat)
+    return Quantity(key, unit, mean, error, low, high, known, (first, last), effective, r_hat)
+
+
+def normal(key: str, unit: str, value: float, error: float, *, positive: bool = False) -> Quantity:
+    """A quantity, `positive` or not, with the interval of a normal distribution."""
+    low, high = value - Z95 * error, value + Z95 * error
+    known = not (positive and spans_decade(low, high))
+    return Quantity(key, unit, value, error, low, high, known)
 
 
 #: Gain and lead time of the visual channel are correlated at about -0.99; their product, the
@@ -240,7 +344,7 @@ def combined(
     draws
         Of the posterior.
     """
-    found = []
+    quantities = []
     for key in COMBINED:
         pair, summed = re.split(r"[*+]", key), "+" in key
         if not set(pair) <= set(keys):
@@ -249,15 +353,14 @@ def combined(
         if draws is not None:
             first, second = draws.values[:, i], draws.values[:, j]
             both = first + second if summed else first * second
-            found.append(sampled(key, "s", both, positive=True))
+            quantities.append(sampled(key, "s", both, positive=True))
             continue
         value = float(values[i] + values[j] if summed else values[i] * values[j])
         slope = np.zeros(len(keys))
         slope[i], slope[j] = (1.0, 1.0) if summed else (values[j], values[i])
         error = float(np.sqrt(slope @ covariance @ slope))
-        ends = value - Z95 * error, value + Z95 * error
-        found.append(Quantity(key, "s", value, error, *ends, not spans_decade(*ends)))
-    return found
+        quantities.append(normal(key, "s", value, error, positive=True))
+    return quantities
 
 
 class Pair(NamedTuple):
@@ -270,47 +373,9 @@ class Pair(NamedTuple):
     @property
     def words(self) -> str:
         """What a user must know, in a sentence."""
-        told = (
+        sentence = (
             f"{self.first} and {self.second} cannot be told apart (correlation "
             f"{self.correlation:.2f}): as far as one of them is wrong, so is the other"
         )
         both = [key for key in COMBINED if {*re.split(r"[*+]", key)} == {*self[:2]}]
-        return f"{told}; report {both[0]}" if both and self.correlation < 0.0 else told
-
-
-def inseparable(
-    keys: Sequence[str],
-    positive: BoolArray,
-    values: FloatArray,
-    covariance: FloatArray,
-    draws: Draws | None = None,
-) -> list[Pair]:
-    """The pairs that an estimate cannot tell apart: correlated, and one of them little known.
-
-    Parameters
-    ----------
-    keys, positive
-        The parameters, and which of them have a logarithm, shape (parameters,).
-    values, covariance
-        The estimate, shapes (parameters,) and (parameters, parameters).
-    draws
-        Of the posterior, in the place of the covariance.
-    """
-    if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
-        return []
-    positive = positive & (values > 0.0)
-    if draws is None:
-        scale = np.where(positive, values, 1.0)
-        spread = covariance / np.outer(scale, scale)
-    else:
-        own = draws.values[:, : len(keys)]
-        inner = np.where(positive, np.log(np.where(positive, own, 1.0)), own)
-        spread = np.atleast_2d(np.cov(inner.T, ddof=0))
-    error = np.sqrt(np.diag(spread))
-    if not (error > 0.0).all():
-        return []
-    correlation = spread / np.outer(error, error)
-    relative = np.where(positive, error, error / np.maximum(np.abs(values), 1e-9))
-    vague = np.maximum.outer(relative, relative) > ESTIMATE.well_known
-    found = np.argwhere(np.triu(vague & (np.abs(correlation) >= ESTIMATE.collinear), 1))
-    return [Pair(keys[i], keys[j], float(correlation[i, j])) for i, j in found]
+        return f"{sentence}; report {both[0]}" if both and self.correlation < 0.0 else sentence

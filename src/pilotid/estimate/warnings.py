@@ -10,8 +10,8 @@ import numpy as np
 from pilotid.estimate.applicability import one_signal, shared_signals
 from pilotid.estimate.estimate import Estimate, Outcome, at_bounds
 from pilotid.estimate.quantities import spans_decade
+from pilotid.model.channel import STEEP
 from pilotid.model.factors import Parameter
-from pilotid.model.timevarying import STEEP
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import known_lines
 from pilotid.support.limits import ESTIMATE
@@ -19,26 +19,25 @@ from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.types import ComplexArray
 
 #: Codes of what a recording leaves open, which is no fault of recording, model or fit.
-OPEN = (
+LEFT_OPEN = (
     "inseparable", "not-identifiable", "at-bound", "interval-at-bound", "wide-interval",
     "asymmetric-interval",
 )  # fmt: skip
 
 
-NOTHING = 0.05  # %, of a VAF that is shown as 0.0 %
-BAND, HIGHEST = 12, 20.0  # bins of a band, and the frequency up to which there are bands [rad/s]
+ZERO_VAF = 0.05  # %, of a VAF that is shown as 0.0 %
 
 
 def all_remarks(estimate: Estimate, recording: Recording) -> tuple[Remark, ...]:
     """What a user must know of an estimate, also for what the recording lacks."""
     low = estimate.outcome.usable and estimate.vaf < ESTIMATE.least_vaf
-    found = remarks_on(estimate, explained_of_forced(recording, estimate) if low else None)
+    remarks = remarks_on(estimate, explained_of_forced(recording, estimate) if low else None)
     if estimate.outcome is Outcome.NOT_APPLICABLE:
-        return found
+        return remarks
     # Without a target the likelihood can have two optima, which no reported error shows.
     why = shared_signals if is_vague(estimate) else one_signal
     shared = why(recording, estimate.model)
-    return (*found, Remark("shared-signals", shared)) if shared else found
+    return (*remarks, Remark("shared-signals", shared)) if shared else remarks
 
 
 def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Remark, ...]:
@@ -47,9 +46,9 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
     `explained` is the share of the control that the model explains [%] where that is known better
     than by the VAF: a slow remnant that the loop suppresses is larger than the control it is in.
     """
-    found = [remark_of(remark) for remark in estimate.remarks]
+    remarks = [remark_of(remark) for remark in estimate.remarks]
     if not estimate.outcome.usable:
-        return tuple(found)
+        return tuple(remarks)
     explained = estimate.vaf if explained is None else explained
     if explained < ESTIMATE.least_vaf:
         sentence = (
@@ -57,17 +56,20 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
             "check whether u, e and x belong together (one shifted in time, a wrong name, a wrong "
             "sign), or choose another model"
         )
-        return (*found, Remark("little-explained", sentence))
-    if estimate.vaf < NOTHING:
+        return (*remarks, Remark("little-explained", sentence))
+    if estimate.vaf < ZERO_VAF:
         sentence = (
             "the simulated response explains nothing of the control (VAF 0 %): a slow remnant "
             "hides it, or the model is wrong; compare with other methods and models"
         )
-        found.append(Remark("little-explained", sentence, "doubt"))
-    for check in (_steps, _short_delays):
-        found += check(estimate)
-    found += (Remark("inseparable", pair.words) for pair in estimate.inseparable)
-    return (*found, *_poorly_identified(estimate))
+        remarks.append(Remark("little-explained", sentence, "doubt"))
+    return (
+        *remarks,
+        *_steps(estimate),
+        *_short_delays(estimate),
+        *(Remark("inseparable", pair.words) for pair in estimate.inseparable),
+        *_poorly_identified(estimate),
+    )
 
 
 def is_vague(estimate: Estimate) -> bool:
@@ -78,64 +80,26 @@ def is_vague(estimate: Estimate) -> bool:
 
 
 def explained_of_forced(recording: Recording, estimate: Estimate) -> float | None:
-    """Share that a model explains [%] of the control that answers to the forcing functions.
+    """Share that a model explains [%] of the control at the lines of the forcing functions.
 
-    Of multisines the lines tell it; of others what in a narrow band follows them.  None for
-    time-varying pilots, and without forcing functions.
+    None for time-varying pilots, and without lines.
     """
-    if estimate.model.changes:
+    lines = [] if estimate.model.changes else list(known_lines(recording).values())
+    if not lines:
         return None
-    every = known_lines(recording)
-    spectra = {n: _windowed(recording, n, lines=bool(every)) for n in ("u", *_inputs(estimate))}
-    if every:
-        used = np.unique(np.concatenate(list(every.values())))
-    else:
-        end = int(HIGHEST * recording.duration / (2.0 * np.pi))
-        used = np.arange(BAND, min(end, spectra["u"].shape[1]) // BAND * BAND)
-    omega = 2.0 * np.pi / recording.duration * used
-    control = spectra["u"][:, used]
+    used = np.unique(np.concatenate(lines))
+
+    def at_lines(name: str) -> ComplexArray:
+        return np.asarray(np.fft.rfft(recording.window(recording.input(name)))[:, used])
+
+    control = at_lines("u")
     left = control.copy()
+    omega = 2.0 * np.pi / recording.duration * used
     responses = estimate.model.response(omega, estimate.values)
     for channel, response in zip(estimate.model.channels, responses, strict=True):
-        left -= channel.sign * response * spectra[channel.on][:, used]
-    if every:
-        return 100.0 * max(0.0, 1.0 - _power(left) / _power(control))
-    forcing = [_windowed(recording, n)[:, used] for n in ("ft", "fd") if _moves(recording, n)]
-    if not forcing:
-        return None
-    unexplained = total = 0.0
-    for first in range(0, used.size, BAND):
-        band = slice(first, first + BAND)
-        basis = np.stack([f[:, band].ravel() for f in forcing], axis=1)
-        basis = np.linalg.qr(basis)[0]
-        rest = left[:, band].ravel()
-        forced, noise = (basis.conj().T @ own for own in (control[:, band].ravel(), rest))
-        weight = 1.0 / (_power(rest - basis @ noise) + 1e-300)
-        total += weight * _power(forced)
-        unexplained += weight * _power(noise)
-    return 100.0 * max(0.0, 1.0 - unexplained / total)
-
-
-def _inputs(estimate: Estimate) -> tuple[str, ...]:
-    return tuple({channel.on for channel in estimate.model.channels})
-
-
-def _moves(recording: Recording, name: str) -> bool:
-    if name == "fd" and recording.fd is None:
-        return False
-    return bool(np.ptp(recording.window(recording.input(name))) > 0.0)
-
-
-def _windowed(recording: Recording, name: str, *, lines: bool = False) -> ComplexArray:
-    """Transform of a signal, behind a window where it has no whole periods."""
-    signal = recording.window(recording.input(name))
-    if not lines:
-        signal = (signal - signal.mean(axis=1, keepdims=True)) * np.hanning(signal.shape[1])
-    return np.asarray(np.fft.rfft(signal))
-
-
-def _power(values: ComplexArray) -> float:
-    return float(np.sum(np.abs(values) ** 2))
+        left -= channel.sign * response * at_lines(channel.on)
+    powers = np.sum(np.abs(left) ** 2), np.sum(np.abs(control) ** 2)
+    return 100.0 * max(0.0, 1.0 - float(powers[0] / powers[1]))
 
 
 def _steps(estimate: Estimate) -> Iterator[Remark]:
@@ -159,14 +123,12 @@ def _short_delays(estimate: Estimate) -> Iterator[Remark]:
     for i in estimate.model.delays:
         value, end = float(estimate.values[i]), float(estimate.intervals[i, 1])
         if value < ESTIMATE.shortest_delay:
-            possible = end > ESTIMATE.shortest_delay
-            reach = f", though its interval goes up to {end:.3g} s" if possible else ""
             yield Remark(
                 "short-delay",
-                f"{estimate.model.keys[i]} is {value:.3g} s, but people's delays are not below "
-                f"{ESTIMATE.shortest_delay:g} s{reach}: another parameter may have taken its part "
-                "(a lag, a slow neuromuscular system), or u was recorded early",
-                "note" if possible else "doubt",
+                f"{estimate.model.keys[i]} is {value:.3g} s (at most {end:.3g}), but people's "
+                f"delays are not below {ESTIMATE.shortest_delay:g} s: another parameter may have "
+                "taken its part (a lag, a slow neuromuscular system), or u was recorded early",
+                "note" if end > ESTIMATE.shortest_delay else "doubt",
             )
 
 
@@ -197,8 +159,8 @@ def _poorly_identified(estimate: Estimate) -> Iterator[Remark]:
     if wide:
         yield Remark(
             "wide-interval",
-            f"{_is(wide)} poorly identified: the 95 % interval spans more than a factor of "
-            f"{ESTIMATE.wide:g}",
+            f"{', '.join(wide)} {'is' if len(wide) == 1 else 'are'} poorly identified: the 95 % "
+            f"interval spans more than a factor of {ESTIMATE.wide:g}",
         )
     if asymmetric:
         yield Remark(
@@ -206,10 +168,6 @@ def _poorly_identified(estimate: Estimate) -> Iterator[Remark]:
             f"the 95 % interval of {', '.join(asymmetric)} lies mostly on one side of the value: "
             "use the interval rather than the standard error",
         )
-
-
-def _is(names: list[str]) -> str:
-    return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
 
 
 def _at_bound(parameter: Parameter, interval: list[float], is_low: bool, is_high: bool) -> Remark:
@@ -228,7 +186,7 @@ def _at_bound(parameter: Parameter, interval: list[float], is_low: bool, is_high
             f"{key} is at its bound {bound:g}{unit}: the model may be wrong, or the bound too "
             "tight",
         )
-    told = (
+    words = (
         f"{key} is at {side} {end:.3g}{unit}, and the recording does not tell more: "
         f"its interval reaches the bound {bound:g}{unit}"
     )
@@ -236,6 +194,6 @@ def _at_bound(parameter: Parameter, interval: list[float], is_low: bool, is_high
     # A lead or lag that is next to none is no wonder; one beyond all that is published is.
     strange = end > high if is_high else end < low and parameter.unit != "s"
     if not strange or parameter.linear:
-        return Remark("interval-at-bound", told)
-    told += f"; {low:g} .. {high:g}{unit} are published, so it may stand for something else"
-    return Remark("interval-at-bound", told, "doubt")
+        return Remark("interval-at-bound", words)
+    words += f"; {low:g} .. {high:g}{unit} are published, so it may stand for something else"
+    return Remark("interval-at-bound", words, "doubt")

@@ -26,9 +26,8 @@ from pilotid.choice import (
 )
 from pilotid.element_fit import chosen_element
 from pilotid.estimate.estimate import Estimate, Outcome, failed, is_at_bound
-from pilotid.estimate.fitted import fit_all
 from pilotid.estimate.loops import Loops
-from pilotid.estimate.method import Method
+from pilotid.estimate.method import Method, fit_all
 from pilotid.estimate.quantities import frame_of, spans_decade
 from pilotid.experiment.cross_validation import predict_left_out
 from pilotid.experiment.files import CONDITION, SUBJECT, Part, alone

@@ -31,8 +31,8 @@ from pilotid.likelihood.prepare import (
     pad,
     prepare,
 )
-from pilotid.model.model import Channel, PilotModel
-from pilotid.model.timevarying import Changing
+from pilotid.model.channel import Changing, Channel
+from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import BLOCK
 from pilotid.support.limits import ESTIMATE

@@ -12,22 +12,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from pilotid.model.channel import Changing, Channel
 from pilotid.model.factors import (
     Canals,
     Delay,
     Differentiator,
     Factor,
     Gain,
-    InnerLoop,
     Inverse,
     Lag,
     Lead,
     LookAhead,
     Neuromuscular,
-    Otoliths,
 )
-from pilotid.model.model import Channel, PilotModel
-from pilotid.model.timevarying import Changing
+from pilotid.model.model import PilotModel
 from pilotid.naming.code import is_place, load_object, reason
 from pilotid.naming.settings import from_catalogue, name_of, require_name
 from pilotid.support.types import InputError
@@ -43,11 +41,17 @@ def _motion(name: str, *factors: Factor) -> Channel:
     return Channel(name, "output", -1, factors)
 
 
+def _target(name: str, *factors: Factor) -> Channel:
+    """A channel on the target in view."""
+    return Channel(name, "target", 1, factors)
+
+
 #: Ends of most channels; its delay, and what moves the arm.
 SLOW = (Delay("tdvis"), Neuromuscular())
 
 #: A gain on the error of a double integrator, with lead.
-LED = _visual(Gain("Kvis", 0.25), Lead("tlead"), *SLOW)
+GAIN_AND_LEAD = (Gain("Kvis", 0.25), Lead("tlead"), *SLOW)
+LED = _visual(*GAIN_AND_LEAD)
 
 #: With lead and lag, for elements between position and acceleration control.
 LED_AND_LAGGED = _visual(Gain("Kvis", 0.5), Lead("tlead"), Lag("tlag", 0.25), *SLOW)
@@ -70,213 +74,151 @@ RATE_FEEDBACK = _motion(
 )
 
 #: The rate of the target in view.
-FEEDFORWARD = Channel(
-    *("target", "target", 1),
-    (Differentiator(1), Gain("Kt", 0.25), Lag("tlagt", 0.25), Delay("tdt", 0.2), Neuromuscular()),
+FEEDFORWARD = _target(
+    "target",
+    *(Differentiator(1), Gain("Kt", 0.25), Lag("tlagt", 0.25), Delay("tdt", 0.2), Neuromuscular()),
 )
 
 #: How far ahead the two viewpoints of a previewed target lie; the bound keeps the near one near,
 #: or else the two change places.
-FAR = LookAhead("tlookf", 0.8, usual=(0.3, 1.5))
-NEAR = LookAhead("tlookn", 0.25, bounds=(0.0, 0.6), usual=(0.05, 0.5))
+FAR_VIEW = LookAhead("tlookf", 0.8, usual=(0.3, 1.5))
+NEAR_VIEW = LookAhead("tlookn", 0.25, bounds=(0.0, 0.6), usual=(0.05, 0.5))
 
-SINGLE = PilotModel(
-    "single",
-    (LED,),
-    "visual channel with lead, delay and neuromuscular dynamics (AIAA 2008-7109)",
-)
-MULTI = PilotModel(
-    "multi",
-    (LED, CANALS),
-    "visual channel and semicircular-canal channel on acceleration (AIAA 2008-7109)",
-)
-GAIN_ONLY = PilotModel(
-    "gain",
-    (_visual(Gain("Kvis", 0.5), *SLOW),),
-    "visual gain, delay and neuromuscular dynamics: rate control (McRuer & Jex 1967); position "
-    "control takes a lag",
-)
-LEAD_LAG = PilotModel(
-    "lead-lag",
-    (LED_AND_LAGGED,),
-    "visual channel with lead-lag equalisation (1 + tlead s)/(1 + tlag s) (McRuer & Jex 1967)",
-)
-RATE = PilotModel(
-    "rate",
-    (LED, RATE_FEEDBACK),
-    "visual channel and rate feedback s Km e^{-tdm s} from motion",
-)
-LEAD_LAG_MOTION = PilotModel(
-    "lead-lag-motion",
-    (LED_AND_LAGGED, RATE_FEEDBACK),
-    "lead-lag visual channel and rate feedback s Km e^{-tdm s} from motion",
-)
-LEAD_LAG_CANALS = PilotModel(
-    "lead-lag-canals",
-    (LED_AND_LAGGED, CANALS),
-    "lead-lag visual channel and semicircular-canal channel on acceleration",
-)
-LEAD2_LAG = PilotModel(
-    "lead2-lag",
-    (TWICE_LED,),
-    "visual channel with (1 + tlead s)^2/(1 + tlag s) (Pool, Harder & van Paassen 2016)",
-)
-LEAD2_LAG_MOTION = PilotModel(
-    "lead2-lag-motion",
-    (TWICE_LED, CANALS),
-    "visual channel with (1 + tlead s)^2/(1 + tlag s) and semicircular-canal channel on "
-    "acceleration (Pool, Harder & van Paassen 2016)",
-).with_start({"tdvest": 0.25})  # .2 is next to what is published
-CROSSOVER = PilotModel(
-    "crossover",
-    (
-        _visual(
-            Gain("wc", 2.5, "rad/s", (0.05, 50.0)),
-            Delay("tde", 0.3, usual=(0.1, 0.6)),
-            Inverse(),
-        ),
+_CATALOGUE = (
+    PilotModel(
+        "single",
+        (LED,),
+        "visual channel with lead, delay and neuromuscular dynamics (AIAA 2008-7109)",
     ),
-    "what makes wc e^{-tde s}/s the open loop with the controlled element, about the crossover "
-    "frequency alone (McRuer & Jex 1967)",
-)
-#: The first-order lag of the neuromuscular system of the publication is left to the delay.  What
-#: acts at low frequencies is bounded away from the equalisation, with which it would change places.
-PRECISION = PilotModel(
-    "precision",
-    (
-        _visual(
-            *LED_AND_LAGGED.factors[:-2],
-            Lead("tleadlow", 4.0, (1.0, 60.0), (1.0, 10.0)),
-            Lag("tlaglow", 10.0, (1.0, 200.0), (3.0, 40.0)),
-            *SLOW,
-        ),
+    PilotModel(
+        "multi",
+        (LED, CANALS),
+        "visual channel and semicircular-canal channel on acceleration (AIAA 2008-7109)",
     ),
-    "visual channel with lead-lag equalisation and (1 + tleadlow s)/(1 + tlaglow s), by which the "
-    "phase drops at low frequencies (McRuer & Jex 1967)",
-)
-#: The form is Hess's; starts and ranges of the inner loop were chosen here.
-STRUCTURAL = PilotModel(
-    "structural",
-    (
-        _visual(
-            Gain("Kvis", 1.0),
-            Delay("tdvis"),
-            InnerLoop(
-                Neuromuscular(
-                    damping_start=0.5, damping_bounds=(0.15, 3.0), damping_usual=(0.3, 1.0)
-                ),
-                (
-                    Gain("Kpf", 2.0, bounds=(0.01, 100.0)),
-                    Lag("tpf", 0.4, usual=(0.1, 2.0)),
-                ),
+    PilotModel(
+        "gain",
+        (_visual(Gain("Kvis", 0.5), *SLOW),),
+        "visual gain, delay and neuromuscular dynamics: rate control (McRuer & Jex 1967); position "
+        "control takes a lag",
+    ),
+    PilotModel(
+        "lead-lag",
+        (LED_AND_LAGGED,),
+        "visual channel with lead-lag equalisation (1 + tlead s)/(1 + tlag s) (McRuer & Jex 1967)",
+    ),
+    PilotModel(
+        "lead2-lag",
+        (TWICE_LED,),
+        "visual channel with (1 + tlead s)^2/(1 + tlag s) (Pool, Harder & van Paassen 2016)",
+    ),
+    PilotModel(
+        "rate",
+        (LED, RATE_FEEDBACK),
+        "visual channel and rate feedback s Km e^{-tdm s} from motion",
+    ),
+    PilotModel(
+        "lead-lag-motion",
+        (LED_AND_LAGGED, RATE_FEEDBACK),
+        "lead-lag visual channel and rate feedback s Km e^{-tdm s} from motion",
+    ),
+    PilotModel(
+        "lead-lag-canals",
+        (LED_AND_LAGGED, CANALS),
+        "lead-lag visual channel and semicircular-canal channel on acceleration",
+    ),
+    PilotModel(
+        "lead2-lag-motion",
+        (TWICE_LED, CANALS),
+        "visual channel with (1 + tlead s)^2/(1 + tlag s) and semicircular-canal channel on "
+        "acceleration (Pool, Harder & van Paassen 2016)",
+    ).with_start({"tdvest": 0.25}),  # .2 is next to what is published
+    PilotModel(
+        "crossover",
+        (
+            _visual(
+                Gain("wc", 2.5, "rad/s", (0.05, 50.0)),
+                Delay("tde", 0.3, usual=(0.1, 0.6)),
+                Inverse(),
             ),
         ),
+        "what makes wc e^{-tde s}/s the open loop with the controlled element, about the crossover "
+        "frequency alone (McRuer & Jex 1967)",
     ),
-    "visual gain, and the neuromuscular system in a proprioceptive loop Kpf/(1 + tpf s), which "
-    "takes the place of visual lead (after Hess 1980, 1997)",
-)
-DESCRIPTIVE = PilotModel(
-    "descriptive",
-    (
-        LED,
-        replace(CANALS, name="canals"),
-        _motion(
-            "otoliths",
-            *(Otoliths(), Gain("Koto", 0.25), Delay("tdvest", 0.2), Neuromuscular()),
-        ),
-    ),
-    "visual channel, semicircular canals on acceleration and otoliths on the tilt, which is the "
-    "output (after Hosman 1996)",
-)
-PURSUIT = PilotModel(
-    "pursuit",
-    (LED, FEEDFORWARD),
-    "visual channel and feedforward s Kt e^{-tdt s}/(1 + tlagt s) of the target in view, an "
-    "integrator inverted (Drop et al. 2013)",
-)
-LOOK_AHEAD = PilotModel(
-    "look-ahead",
-    (
-        Channel("target", "target", 1, (Gain("Kt"), LookAhead(), Neuromuscular())),
-        Channel("feedback", "output", -1, (Gain("Kvis", 0.5), Lag("tlag", 0.25), *SLOW)),
-    ),
-    "response Kt e^{+tlook s} to a target displayed ahead, and a lagged one to the output "
-    "(after Yamagami et al. 2019)",
-)
-FOLLOWING = PilotModel(
-    "following",
-    (
-        Channel(
-            *("target", "target", 1),
-            (Gain("Kt"), Lag("tlagt", 0.25), Delay("tdt", 0.2), Neuromuscular()),
-        ),
-    ),
-    "target followed by hand, Kt e^{-tdt s}/(1 + tlagt s) and neuromuscular dynamics, without a "
-    "displayed error (after Bonnen et al. 2015)",
-)
-#: The error that is responded to is that of the target some time ahead, low-passed.  Two viewpoints
-#: beside a compensatory response are the publication's; starts and ranges were chosen here.
-PREVIEW = PilotModel(
-    "preview",
-    (
-        Channel(
-            "far",
-            "target",
-            1,
-            (*LED.factors, Gain("Kf", 1.0), Lag("tlagf", 0.3, usual=(0.1, 2.0)), FAR),
-        ),
-        Channel("feedback", "output", -1, LED.factors),
-        Channel(
-            *("near", "target", 1),
-            (
-                Differentiator(1),
-                Gain("Kn", 0.05),
-                Lag("tlagn", 0.1, usual=(0.02, 0.5)),
-                NEAR,
+    # The first-order lag of the neuromuscular system of the publication is left to the delay.  What
+    # acts at low frequencies is bounded away from the equalisation, or they would change places.
+    PilotModel(
+        "precision",
+        (
+            _visual(
+                *LED_AND_LAGGED.factors[:-2],
+                Lead("tleadlow", 4.0, (1.0, 60.0), (1.0, 10.0)),
+                Lag("tlaglow", 10.0, (1.0, 200.0), (3.0, 40.0)),
                 *SLOW,
             ),
         ),
+        "visual channel with lead-lag equalisation and (1 + tleadlow s)/(1 + tlaglow s), by which "
+        "the phase drops at low frequencies (McRuer & Jex 1967)",
     ),
-    "response Kvis (1 + tlead s) to the target tlookf ahead, low-passed, less the output, and to "
-    "the rate of the target tlookn ahead (after van der El et al. 2016)",
-    # Channels are linear in Kf and Kvis each, but not in both together: Kf is searched.
-    (replace(Gain("Kf").parameters[0], linear=False, usual=(0.5, 1.5)),),
+    PilotModel(
+        "pursuit",
+        (LED, FEEDFORWARD),
+        "visual channel and feedforward s Kt e^{-tdt s}/(1 + tlagt s) of the target in view, an "
+        "integrator inverted (Drop et al. 2013)",
+    ),
+    PilotModel(
+        "look-ahead",
+        (
+            _target("target", Gain("Kt"), LookAhead(), Neuromuscular()),
+            _motion("feedback", Gain("Kvis", 0.5), Lag("tlag", 0.25), *SLOW),
+        ),
+        "response Kt e^{+tlook s} to a target displayed ahead, and a lagged one to the output "
+        "(after Yamagami et al. 2019)",
+    ),
+    # The error that is responded to is that of the target some time ahead, low-passed.  Two
+    # viewpoints beside a compensatory response are the publication's; starts and ranges were
+    # chosen here.
+    PilotModel(
+        "preview",
+        (
+            _target(
+                "far",
+                *(*GAIN_AND_LEAD, Gain("Kf", 1.0), Lag("tlagf", 0.3, usual=(0.1, 2.0)), FAR_VIEW),
+            ),
+            _motion("feedback", *GAIN_AND_LEAD),
+            _target(
+                "near",
+                *(Differentiator(1), Gain("Kn", 0.05), Lag("tlagn", 0.1, usual=(0.02, 0.5))),
+                *(NEAR_VIEW, *SLOW),
+            ),
+        ),
+        "response Kvis (1 + tlead s) to the target tlookf ahead, low-passed, less the output, and "
+        "to the rate of the target tlookn ahead (after van der El et al. 2016)",
+        # Channels are linear in Kf and Kvis each, but not in both together: Kf is searched.
+        (replace(Gain("Kf").parameters[0], linear=False, usual=(0.5, 1.5)),),
+    ),
+    PilotModel(
+        "following",
+        (
+            _target(
+                "target",
+                *(Gain("Kt"), Lag("tlagt", 0.25), Delay("tdt", 0.2), Neuromuscular()),
+            ),
+        ),
+        "target followed by hand, Kt e^{-tdt s}/(1 + tlagt s) and neuromuscular dynamics, without "
+        "a displayed error (after Bonnen et al. 2015)",
+    ),
+    # Gain and lead pass from one value to another along one sigmoid, as where the element changes.
+    PilotModel(
+        "adapting",
+        (_visual(Changing(VARYING), *SLOW),),
+        "visual channel whose gain and lead pass from Kvis1, tlead1 to Kvis2, tlead2 along a "
+        "sigmoid in time (Zaal, JGCD 39(5) 2016)",
+    ),
 )
-#: Gain and lead pass from one value to another along one sigmoid, as where the element changes.
-ADAPTING = PilotModel(
-    "adapting",
-    (_visual(Changing(VARYING), *SLOW),),
-    "visual channel whose gain and lead pass from Kvis1, tlead1 to Kvis2, tlead2 along a sigmoid "
-    "in time (Zaal, JGCD 39(5) 2016)",
-)
-
-#: The name by which the command line chooses one.
+#: Models by the name that the command line takes, and the name by which it chooses one.
+MODELS: dict[str, PilotModel] = {model.name: model for model in _CATALOGUE}
 AUTO = "auto"
-
-#: Models by the name that the command line takes.
-MODELS: dict[str, PilotModel] = {
-    m.name: m
-    for m in (
-        SINGLE,
-        MULTI,
-        GAIN_ONLY,
-        LEAD_LAG,
-        LEAD2_LAG,
-        RATE,
-        LEAD_LAG_MOTION,
-        LEAD_LAG_CANALS,
-        LEAD2_LAG_MOTION,
-        CROSSOVER,
-        PRECISION,
-        STRUCTURAL,
-        DESCRIPTIVE,
-        PURSUIT,
-        LOOK_AHEAD,
-        PREVIEW,
-        FOLLOWING,
-        ADAPTING,
-    )
-}
+SINGLE, MULTI, ADAPTING = (MODELS[name] for name in ("single", "multi", "adapting"))
 
 
 def model_named(text: str) -> PilotModel:
@@ -294,11 +236,18 @@ def model_named(text: str) -> PilotModel:
         If there is none; the message lists the names there are.
     """
     if is_place(text):
-        own = own_model(text)
-        if MODELS.get(own.name, own) != own:
+        own: object = load_object(text)
+        if not isinstance(own, PilotModel):
             raise InputError(
-                f"{text}: has the name '{own.name}' of another model; give it a name of its own"
+                f"{text}: is no PilotModel; write NAME = PilotModel('name', (Channel(...), ...)) "
+                "there"
             )
+        require_name(own.name, "model")
+        fault = fault_of(own)
+        if MODELS.get(own.name, own) != own:
+            fault = f"has the name '{own.name}' of another model; give it a name of its own"
+        if fault:
+            raise InputError(f"{text}: {fault}")
         return own
     name, model = from_catalogue(text, MODELS, "model", "NAME")
     if model != MODELS[name] and model.name == name:
@@ -308,41 +257,25 @@ def model_named(text: str) -> PilotModel:
 
 
 #: Frequencies [rad/s] at which a model is tried.
-TRIED = np.geomspace(0.1, 30.0, 7)
-
-
-def own_model(text: str) -> PilotModel:
-    """The model that stands at a place in code, with the settings behind it.
-
-    Raises
-    ------
-    InputError
-        If it is no `PilotModel`, or one with which no method can reckon.
-    """
-    thing = load_object(text)
-    if not isinstance(thing, PilotModel):
-        raise InputError(
-            f"{text}: is no PilotModel; write NAME = PilotModel('name', (Channel(...), ...)) there"
-        )
-    require_name(thing.name, "model")
-    fault = fault_of(thing)
-    if fault:
-        raise InputError(f"{text}: {fault}")
-    return thing
+TRIED = np.array([0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0])
 
 
 def fault_of(model: PilotModel) -> str:
     """What is wrong with the numbers that a model's factors give, empty if they are sound."""
     if not model.parameters:
-        return f"model {model.name} has no parameter to estimate"
+        return "the model has no parameter to estimate"
     model = model.constant  # what varies in time is put together of constant factors
     try:
-        response = model.response(TRIED, model.start)
+        with np.errstate(all="ignore"):
+            response = model.response(TRIED, model.start)
     except Exception as error:  # code of others may raise anything
-        return f"model {model.name} gives no response ({reason(error)})"
-    if not np.isfinite(response).all():
-        return f"the response of model {model.name} is no number at its start"
-    return ""
+        return f"the model gives no response ({reason(error)})"
+    if np.isfinite(response).all():
+        return ""
+    return (
+        "the response is not finite at the start values: give an integrator a pole below zero, for "
+        "example a lag of 100 s"
+    )
 
 
 def with_held(models: Iterable[PilotModel], text: str | None) -> list[PilotModel]:
@@ -353,7 +286,7 @@ def with_held(models: Iterable[PilotModel], text: str | None) -> list[PilotModel
     InputError
         If the text cannot be read, or says something of a parameter that none of the models has.
     """
-    found, seen = list(models), set()
+    changed = list(models)
     for pair in (text or "").split(",") if text is not None else ():
         key, _, value = (part.strip() for part in pair.partition("="))
         try:
@@ -363,21 +296,18 @@ def with_held(models: Iterable[PilotModel], text: str | None) -> list[PilotModel
                 f"--fix {text}: '{pair}' is not PARAMETER=NUMBER or PARAMETER=LOWER..UPPER; write "
                 "for example fnm=12,dnm=0.1..0.5"
             ) from None
-        if key in seen:
-            raise InputError(f"--fix {text}: {key} stands there twice; name it once")
-        seen.add(key)
-        having = [m for m in found if key in m.index]
+        having = [m for m in changed if key in m.index]
         if not having:
-            known = ", ".join(dict.fromkeys(k for m in found for k in m.keys))
+            known = ", ".join(dict.fromkeys(k for m in changed for k in m.keys))
             raise InputError(
                 f"--fix {text}: no model here has a parameter {key}; choose from {known}"
             )
-        found = [
+        changed = [
             m
             if m not in having
             else m.with_fixed(**{key: numbers[0]})
             if len(numbers) == 1
             else m.with_bounds(**{key: (numbers[0], numbers[1])})
-            for m in found
+            for m in changed
         ]
-    return found
+    return changed

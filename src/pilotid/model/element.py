@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ast
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
 from math import factorial
+from operator import add, mul, sub, truediv
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,11 +23,11 @@ if TYPE_CHECKING:
 #: Numerator and denominator coefficients, highest power of s first.
 Rational = tuple[list[float], list[float]]
 
-LONGEST = 200  # characters
-HIGHEST = 12  # degree of a polynomial
+LONGEST_TEXT = 200  # characters
+HIGHEST_POWER = 12  # degree of a polynomial
 
 #: Other signs for the same things; brackets of all kinds are round ones.
-SAME = str.maketrans(
+OTHER_SIGNS = str.maketrans(
     {
         "\N{MINUS SIGN}": "-",
         "\N{MIDDLE DOT}": "*",
@@ -38,13 +40,9 @@ SAME = str.maketrans(
 )
 
 
-class NotTransferFunctionError(Exception):
-    """A text is no transfer function; says where and why, without the text."""
-
-
 @dataclass(frozen=True, eq=False)
 class Ratio:
-    """A ratio of polynomials with a pure delay.
+    """A ratio of polynomials with a pure delay, as far as it is read.
 
     Attributes
     ----------
@@ -54,9 +52,65 @@ class Ratio:
         In seconds; negative inside an expression only.
     """
 
-    top: FloatArray
-    bottom: FloatArray
+    top: NDArray[np.floating[Any]]
+    bottom: NDArray[np.floating[Any]]
     delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        if max(len(self.top), len(self.bottom)) > HIGHEST_POWER + 1:
+            raise ValueError(f"it has powers of s above {HIGHEST_POWER}")
+        if not (np.isfinite(self.top).all() and np.isfinite(self.bottom).all()):
+            raise ValueError("a number is too large")
+
+    @property
+    def constant(self) -> float | None:
+        """The number that it is, None if it has s or a delay in it."""
+        is_number = len(self.top) == len(self.bottom) == 1 and not self.delay
+        return float(self.top[0] / self.bottom[0]) if is_number else None
+
+    def __neg__(self) -> Ratio:
+        return Ratio(-self.top, self.bottom, self.delay)
+
+    def __mul__(self, other: Ratio) -> Ratio:
+        top, bottom = np.polymul(self.top, other.top), np.polymul(self.bottom, other.bottom)
+        return Ratio(top, bottom, self.delay + other.delay)
+
+    def __truediv__(self, other: Ratio) -> Ratio:
+        if not other.top.any():
+            raise ValueError("it divides by zero")
+        return self * Ratio(other.bottom, other.top, -other.delay)
+
+    def __add__(self, other: Ratio) -> Ratio:
+        if self.delay != other.delay:
+            raise ValueError("terms of a sum have different delays")
+        if np.array_equal(self.bottom, other.bottom):
+            return Ratio(np.polyadd(self.top, other.top), self.bottom, self.delay)
+        mine, theirs = np.polymul(self.top, other.bottom), np.polymul(other.top, self.bottom)
+        bottom = np.polymul(self.bottom, other.bottom)
+        return Ratio(np.asarray(np.polyadd(mine, theirs), float), bottom, self.delay)
+
+    def __sub__(self, other: Ratio) -> Ratio:
+        return self + -other
+
+    def __pow__(self, other: Ratio) -> Ratio:
+        power = other.constant
+        if power is None or not power.is_integer() or abs(power) > HIGHEST_POWER:
+            raise ValueError(f"an exponent is no whole number up to {HIGHEST_POWER}")
+        whole = reduce(mul, [self] * int(abs(power)), ONE)
+        return whole if power >= 0 else ONE / whole
+
+    def exponential(self) -> Ratio:
+        """The delay that is e to this power."""
+        top = np.trim_zeros(self.top, "f")
+        if len(self.bottom) > 1 or self.delay or len(top) > 2 or (top.size and top[-1]):
+            raise ValueError("a delay is e to a number of seconds times s, as in exp(-0.1s)")
+        return Ratio(ONE.top, ONE.top, -float(top[0] / self.bottom[0]) if top.size else 0.0)
+
+
+ONE = Ratio(np.ones(1), np.ones(1))
+OPERATIONS: dict[type[ast.operator], Callable[[Ratio, Ratio], Ratio]] = {
+    ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.MatMult: mul, ast.Div: truediv, ast.Pow: pow,
+}  # fmt: skip
 
 
 def transfer_function(text: str) -> Ratio:
@@ -66,37 +120,34 @@ def transfer_function(text: str) -> Ratio:
 
     Raises
     ------
-    NotTransferFunctionError
-        If it is none that a controlled element can have.
+    ValueError
+        If it is none that a controlled element can have; says where and why, without the text.
     """
-    if len(text) > LONGEST:
-        raise NotTransferFunctionError(f"it is longer than {LONGEST} characters")
-    source = text.rpartition("=")[2].translate(SAME).lower().replace("^", "**")
-    if not source.strip():
-        raise NotTransferFunctionError("it is empty")
-    found = _evaluate(_parse(source))
-    if not found.top.any():
-        raise NotTransferFunctionError("it is zero")
-    if len(found.top) > len(found.bottom):
-        raise NotTransferFunctionError("it has more zeros than poles, which no element has")
-    if found.delay < 0.0:
-        raise NotTransferFunctionError("its delay is negative: write exp(-0.1s) for one of 0.1 s")
-    return found
+    if len(text) > LONGEST_TEXT:
+        raise ValueError(f"it is longer than {LONGEST_TEXT} characters")
+    source = text.rpartition("=")[2].translate(OTHER_SIGNS).lower().replace("^", "**").strip()
+    if not source:
+        raise ValueError("it is empty")
+    ratio = _evaluate(_parse(source))
+    if not ratio.top.any():
+        raise ValueError("it is zero")
+    if len(ratio.top) > len(ratio.bottom):
+        raise ValueError("it has more zeros than poles, which no element has")
+    if ratio.delay < 0.0:
+        raise ValueError("its delay is negative: write exp(-0.1s) for one of 0.1 s")
+    return ratio
 
 
 def _parse(source: str) -> ast.expr:
     """The expression in a text: `b()` stands for brackets, `@` between factors side by side."""
-    allowed = re.match(r"(?:exp|[-+*/().\s0-9es])*", source)
-    if allowed is not None and allowed.end() < len(source):
-        strange = _written(source[allowed.end() :])
-        raise NotTransferFunctionError(f"{strange} is nothing that a transfer function of s has")
-    source = re.sub(r"(?<=[\d.s)])\s*(?=exp|e\s*\*\*|s|\()", "@", source)
-    source = re.sub(r"(?<!exp)\(", "b(", re.sub(r"(?<![\d.])0+(?=\d)", "", source))
+    source = re.sub(r"e\s*\*\*\s*\(", "exp(", source)
+    source = re.sub(r"(?<=[\d.s)])\s*(?=exp|s|\()", "@", source)
+    source = re.sub(r"(?<!exp)\(", "b(", source)
     try:
-        return ast.parse(source.strip(), mode="eval").body
+        return ast.parse(source, mode="eval").body
     except (SyntaxError, MemoryError) as error:
-        rest = source.strip()[(getattr(error, "offset", None) or 1) - 1 :]
-        raise NotTransferFunctionError(
+        rest = source[(getattr(error, "offset", None) or 1) - 1 :]
+        raise ValueError(
             f"a sign, a number or a bracket is missing at {_written(rest) if rest else 'its end'}"
         ) from None
 
@@ -111,87 +162,23 @@ def _evaluate(node: ast.expr) -> Ratio:
     """What an expression is."""
     match node:
         case ast.Constant(value=int() | float() as value):
-            return _ratio(np.array([float(value)]), np.ones(1))
+            return Ratio(np.array([float(value)]), np.ones(1))
         case ast.Name(id="s"):
             return Ratio(np.array([1.0, 0.0]), np.ones(1))
-        case ast.UnaryOp(op=sign, operand=part):
-            return _times(_evaluate(part), SIGNS[type(sign)])
-        case (
-            ast.Call(func=ast.Name(id="exp"), args=[part])
-            | ast.BinOp(left=ast.Name("e"), op=ast.Pow(), right=ast.Call(ast.Name("b"), [part]))
-        ):
-            return _delay(_evaluate(part))
+        case ast.UnaryOp(op=ast.UAdd() | ast.USub() as sign, operand=part):
+            return -_evaluate(part) if isinstance(sign, ast.USub) else _evaluate(part)
+        case ast.Call(func=ast.Name(id="exp"), args=[part]):
+            return _evaluate(part).exponential()
         case ast.Call(func=ast.Name(id="b"), args=[part]):
             return _evaluate(part)
-        case ast.BinOp(left=left, op=ast.Pow(), right=right):
-            return _power(_evaluate(left), _evaluate(right), right)
         case ast.BinOp(left=ast.BinOp(op=ast.Div()), op=ast.MatMult(), right=right):
-            raise NotTransferFunctionError(
+            raise ValueError(
                 f"{_written(ast.unparse(right))} may be meant above or below the fraction line: "
                 "put what is below it in brackets"
             )
-        case ast.BinOp(left=left, op=ast.Mult() | ast.MatMult(), right=right):
-            return _times(_evaluate(left), _evaluate(right))
-        case ast.BinOp(left=left, op=ast.Div(), right=right):
-            return _times(_evaluate(left), _inverse(_evaluate(right)))
-        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as sign, right=right):
-            return _plus(_evaluate(left), _times(_evaluate(right), SIGNS[type(sign)]))
-    raise NotTransferFunctionError(f"{_written(ast.unparse(node))} is no number, s or bracket")
-
-
-def _delay(power: Ratio) -> Ratio:
-    """The delay that is e to some power."""
-    top = np.trim_zeros(power.top, "f")
-    if len(power.bottom) > 1 or power.delay or len(top) > 2 or (top.size and top[-1]):
-        raise NotTransferFunctionError(
-            "a delay is e to a number of seconds times s, as in exp(-0.1s)"
-        )
-    return Ratio(np.ones(1), np.ones(1), -float(top[0] / power.bottom[0]) if top.size else 0.0)
-
-
-def _ratio(above: NDArray[Any], below: NDArray[Any], delay: float = 0.0) -> Ratio:
-    top, bottom = (np.atleast_1d(np.asarray(p, dtype=float)) for p in (above, below))
-    if max(len(top), len(bottom)) > HIGHEST + 1:
-        raise NotTransferFunctionError(f"it has powers of s above {HIGHEST}")
-    if not (np.isfinite(top).all() and np.isfinite(bottom).all()):
-        raise NotTransferFunctionError("a number is too large")
-    return Ratio(top, bottom, delay)
-
-
-def _times(a: Ratio, b: Ratio) -> Ratio:
-    return _ratio(np.polymul(a.top, b.top), np.polymul(a.bottom, b.bottom), a.delay + b.delay)
-
-
-def _inverse(a: Ratio) -> Ratio:
-    if not a.top.any():
-        raise NotTransferFunctionError("it divides by zero")
-    return Ratio(a.bottom, a.top, -a.delay)
-
-
-def _power(base: Ratio, power: Ratio, node: ast.expr) -> Ratio:
-    exponent = float(power.top[0] / power.bottom[0])
-    number = len(power.top) == len(power.bottom) == 1 and not power.delay
-    if not (number and exponent.is_integer() and abs(exponent) <= HIGHEST):
-        told = f"{_written(ast.unparse(node))} is no whole exponent up to {HIGHEST}"
-        raise NotTransferFunctionError(told)
-    base = base if exponent >= 0 else _inverse(base)
-    return reduce(_times, [base] * int(abs(exponent)), SIGNS[ast.UAdd])
-
-
-def _plus(a: Ratio, b: Ratio) -> Ratio:
-    if a.delay != b.delay:
-        raise NotTransferFunctionError("terms of a sum have different delays")
-    if np.array_equal(a.bottom, b.bottom):
-        return _ratio(np.polyadd(a.top, b.top), a.bottom, a.delay)
-    top = np.polyadd(np.polymul(a.top, b.bottom), np.polymul(b.top, a.bottom))
-    return _ratio(top, np.polymul(a.bottom, b.bottom), a.delay)
-
-
-#: What a sign multiplies by.
-SIGNS: dict[type[ast.AST], Ratio] = {
-    kind: Ratio(np.array([value]), np.ones(1))
-    for kind, value in {ast.Add: 1.0, ast.UAdd: 1.0, ast.Sub: -1.0, ast.USub: -1.0}.items()
-}
+        case ast.BinOp(left=left, op=sign, right=right) if type(sign) in OPERATIONS:
+            return OPERATIONS[type(sign)](_evaluate(left), _evaluate(right))
+    raise ValueError(f"{_written(ast.unparse(node))} is no number, s or bracket")
 
 
 @dataclass(frozen=True)
@@ -301,23 +288,6 @@ def second_order(gain: float, frequency: float, damping: float) -> ControlledEle
     return ControlledElement((gain,), bottom, name=name)
 
 
-def _well_known(found: Ratio) -> ControlledElement | None:
-    """One of the forms that have a function of their own here, so that its name is theirs."""
-    top, bottom = found.top.tolist(), found.bottom.tolist()
-    if len(top) > 1 or bottom[0] != 1.0 or found.delay:
-        return None
-    match bottom[1:]:
-        case []:
-            return position_control(top[0])
-        case [0.0]:
-            return single_integrator(top[0])
-        case [0.0, 0.0]:
-            return double_integrator(top[0])
-        case [a, 0.0]:
-            return integrator_with_lag(top[0], a)
-    return None
-
-
 def parsed_element(text: str) -> ControlledElement | None:
     """The controlled element that a text describes; None for any other text.
 
@@ -332,18 +302,15 @@ def parsed_element(text: str) -> ControlledElement | None:
 def element_named(text: str) -> ControlledElement:
     """As `parsed_element`; `InputError` for a text that is none, which says where."""
     try:
-        found = transfer_function(text)
-    except NotTransferFunctionError as error:
+        ratio = transfer_function(text)
+    except ValueError as error:
         raise InputError(
             f"the controlled element '{text}' cannot be read: {error}; write for example 4/s^2 or "
             "4 exp(-0.05s)/(s(1+s/30)^2)"
         ) from None
-    known = _well_known(found)
-    if known is not None:
-        return known
     name = re.sub(r"\s", "", text.rpartition("=")[2])
-    top, bottom = found.top.tolist(), found.bottom.tolist()
-    return ControlledElement(tuple(top), tuple(bottom), found.delay, name)
+    top, bottom = ratio.top.tolist(), ratio.bottom.tolist()
+    return ControlledElement(tuple(top), tuple(bottom), ratio.delay, name)
 
 
 def as_element(element: ControlledElement | str) -> ControlledElement:

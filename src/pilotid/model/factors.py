@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, reduce
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -75,27 +75,22 @@ class Parameter:
                 f"parameter {self.key!r}: the key must be a letter, followed by letters, digits "
                 "and underscores"
             )
-        if not (self.unit.isprintable() and len(self.unit) <= 40 and "$" not in self.unit):
+        least, most = self.usual
+        inside = self.lower < self.start < self.upper
+        if not (inside and self.lower <= least < most <= self.upper):
             raise ValueError(
-                f"parameter {self.key}: the unit {self.unit!r} must be at most 40 printable "
-                "characters without $"
-            )
-        if not self.lower < self.start < self.upper:
-            raise ValueError(
-                f"parameter {self.key}: the start {self.start:g} must lie strictly inside "
-                f"the bounds ({self.lower:g}, {self.upper:g})"
+                f"parameter {self.key}: the start {self.start:g} and the usual range must lie "
+                f"inside the bounds ({self.lower:g}, {self.upper:g})"
             )
         if self.positive and self.lower <= 0.0:
             raise ValueError(
                 f"parameter {self.key}: a positive parameter needs a lower bound above zero"
             )
-        if not self.lower <= self.usual[0] < self.usual[1] <= self.upper:
-            raise ValueError(f"parameter {self.key}: the usual range must lie inside the bounds")
 
 
 #: Step of central differences, as a share of the parameter: the cube root of the precision; and
 #: the least value that it is a share of.
-STEP, LEAST = 6e-6, 1e-4
+STEP, LEAST_VALUE = 6e-6, 1e-4
 
 
 class Factor:
@@ -180,7 +175,7 @@ class Factor:
         # Where there is no response, as of a washout at rest, its logarithm has no slope.
         inverse = 1.0 / np.where(response == 0.0, 1.0, response)
         for i, value in enumerate(values):
-            step = STEP * np.maximum(np.abs(value), LEAST)
+            step = STEP * np.maximum(np.abs(value), LEAST_VALUE)
             ahead, behind = (
                 self.response(s, [*values[:i], value + own, *values[i + 1 :]])
                 for own in (step, -step)
@@ -294,8 +289,8 @@ class Gain(Polynomial):
 
 
 @dataclass(frozen=True)
-class Lead(Polynomial):
-    """First-order lead 1 + T s.
+class TimeFactor(Factor):
+    """A factor with one parameter in seconds.
 
     Attributes
     ----------
@@ -307,14 +302,27 @@ class Lead(Polynomial):
         Bounds of the search, and the range of published values [s].
     """
 
+    key: str
+    start: float
+    bounds: tuple[float, float]
+    usual: tuple[float, float]
+    positive: ClassVar[bool] = True
+    is_delay: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        kind = {"positive": self.positive, "delay": self.is_delay}
+        return (Parameter(self.key, "s", *self.bounds, self.start, self.usual, **kind),)
+
+
+@dataclass(frozen=True)
+class Lead(TimeFactor, Polynomial):
+    """First-order lead 1 + T s."""
+
     key: str = "tlead"
     start: float = 1.0
     bounds: tuple[float, float] = (0.01, 30.0)
     usual: tuple[float, float] = (0.2, 5.0)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.key, "s", *self.bounds, self.start, self.usual),)
 
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return 1.0 + values[0] * s
@@ -324,27 +332,13 @@ class Lead(Polynomial):
 
 
 @dataclass(frozen=True)
-class Lag(Factor):
-    """First-order lag 1 / (1 + T s).
-
-    Attributes
-    ----------
-    key
-        Key of the parameter.
-    start
-        Initial guess [s].
-    bounds, usual
-        Bounds of the search, and the range of published values [s].
-    """
+class Lag(TimeFactor):
+    """First-order lag 1 / (1 + T s)."""
 
     key: str = "tlag"
     start: float = 0.5
     bounds: tuple[float, float] = (1e-4, 30.0)
     usual: tuple[float, float] = (0.2, 5.0)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.key, "s", *self.bounds, self.start, self.usual),)
 
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return 1.0 / (1.0 + values[0] * s)
@@ -371,31 +365,15 @@ def exponential(seconds: FloatArray, s: ComplexArray) -> ComplexArray:
 
 
 @dataclass(frozen=True)
-class Delay(Factor):
-    """Pure time delay e^{-T s}, exact in frequency responses.
-
-    Attributes
-    ----------
-    key
-        Key of the parameter.
-    start
-        Initial guess [s].
-    bounds, usual
-        Bounds of the search, and the range of published values [s].
-    """
+class Delay(TimeFactor):
+    """Pure time delay e^{-T s}, exact in frequency responses."""
 
     key: str = "tdvis"
     start: float = 0.25
     bounds: tuple[float, float] = (0.0, 1.0)
     usual: tuple[float, float] = (0.1, 0.5)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (
-            Parameter(
-                self.key, "s", *self.bounds, self.start, self.usual, positive=False, delay=True
-            ),
-        )
+    positive = False
+    is_delay = True
 
     def seconds(self, values: Values) -> FloatArray:
         return values[0]
@@ -411,28 +389,18 @@ class Delay(Factor):
 
 
 @dataclass(frozen=True)
-class LookAhead(Factor):
+class LookAhead(TimeFactor):
     """What is seen T seconds before it comes: e^{+T s}, for targets displayed ahead.
 
-    Attributes
-    ----------
-    key
-        Key of the parameter.
-    start
-        Initial guess [s].
-    bounds, usual
-        Bounds of the search, and the range of published values [s].  The upper bound is how much
-        of the recording's end is not scored, for what was seen beyond it was not recorded.
+    The upper bound is how much of the recording's end is not scored, for what was seen beyond it
+    was not recorded.
     """
 
     key: str = "tlook"
     start: float = 0.5
     bounds: tuple[float, float] = (0.0, 2.0)
     usual: tuple[float, float] = (0.1, 1.2)
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.key, "s", *self.bounds, self.start, self.usual, positive=False),)
+    positive = False
 
     @property
     def ahead(self) -> str:
@@ -516,28 +484,6 @@ class Canals(Fixed):
         return [self.tv1, 1.0], [self.tv2, 1.0]
 
 
-@dataclass(frozen=True)
-class Otoliths(Fixed):
-    """Otoliths (1 + to1 s) / ((1 + to2 s) (1 + to3 s)), with fixed time constants.
-
-    The form is that of Hosman (1996); the defaults were chosen here after it, and not held against
-    its text.
-
-    Attributes
-    ----------
-    to1, to2, to3
-        Time constants of the lead and of both lags [s].
-    """
-
-    to1: float = 1.0
-    to2: float = 0.5
-    to3: float = 0.016
-
-    @property
-    def ratio(self) -> Rational:
-        return [self.to1, 1.0], [self.to2 * self.to3, self.to2 + self.to3, 1.0]
-
-
 #: Pole in place of an integrator [rad/s], which no recording is long enough to tell from one.
 ALMOST_INTEGRATOR = 0.01
 
@@ -577,89 +523,23 @@ class Inverse(Fixed):
 
 
 @dataclass(frozen=True)
-class InnerLoop(Factor):
-    """A closed loop inside a pilot: H / (1 + H B).
-
-    Attributes
-    ----------
-    forward
-        H, what the loop is closed around.
-    back
-        Factors of B, what is fed back.
-    """
-
-    forward: Factor
-    back: tuple[Factor, ...]
-
-    @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
-        back = (replace(p, linear=False) for factor in self.back for p in factor.parameters)
-        return (*back, *self.forward.parameters)
-
-    def _parts(self, values: Sequence[Any]) -> list[tuple[Factor, Sequence[Any]]]:
-        """The factors of B and then H, each with its own values."""
-        found, begin = [], 0
-        for factor in (*self.back, self.forward):
-            end = begin + len(factor.parameters)
-            found.append((factor, values[begin:end]))
-            begin = end
-        return found
-
-    def response(self, s: ComplexArray, values: Values) -> Response:
-        *back, forward = (factor.response(s, own) for factor, own in self._parts(values))
-        return forward / (1.0 + reduce(np.multiply, back, forward))
-
-    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
-        *back, (above, below) = (f.rational(own, pade_order) for f, own in self._parts(values))
-        top, bottom = np.ones(1), np.ones(1)
-        for numerator, denominator in back:
-            top, bottom = np.convolve(top, numerator), np.convolve(bottom, denominator)
-        closed = np.polyadd(np.polymul(below, bottom), np.polymul(above, top))
-        return np.polymul(above, bottom).tolist(), closed.tolist()
-
-
-@dataclass(frozen=True)
 class Neuromuscular(Factor):
     """Second-order neuromuscular dynamics f^2 / (f^2 + 2 d f s + s^2).
 
     Attributes
     ----------
     frequency_key, damping_key
-        Keys of the parameters.
-    frequency_start, frequency_bounds, frequency_usual
-        Initial guess, bounds of the search and range of published values [rad/s].
-    damping_start, damping_bounds, damping_usual
-        The same of the damping ratio.
+        Keys of the parameters; `PilotModel.overrides` changes their bounds and starts.
     """
 
     frequency_key: str = "fnm"
     damping_key: str = "dnm"
-    frequency_start: float = 10.0
-    damping_start: float = 0.25
-    frequency_bounds: tuple[float, float] = (2.0, 40.0)
-    damping_bounds: tuple[float, float] = (0.02, 3.0)
-    frequency_usual: tuple[float, float] = (6.0, 20.0)
-    damping_usual: tuple[float, float] = (0.1, 0.8)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         return (
-            Parameter(
-                self.frequency_key,
-                "rad/s",
-                *self.frequency_bounds,
-                self.frequency_start,
-                self.frequency_usual,
-                last=True,
-            ),
-            Parameter(
-                self.damping_key,
-                "",
-                *self.damping_bounds,
-                self.damping_start,
-                self.damping_usual,
-                last=True,
-            ),
+            Parameter(self.frequency_key, "rad/s", 2.0, 40.0, 10.0, (6.0, 20.0), last=True),
+            Parameter(self.damping_key, "", 0.02, 3.0, 0.25, (0.1, 0.8), last=True),
         )
 
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:

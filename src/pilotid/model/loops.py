@@ -15,8 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pilotid.model.channel import INPUTS
 from pilotid.model.element import ControlledElement
-from pilotid.model.model import INPUTS, PilotModel
+from pilotid.model.model import PilotModel
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 
 #: Where crossings are looked for [rad/s]: a pilot's loops have none beyond.
@@ -124,17 +125,6 @@ def margin(omega: FloatArray, loop: ComplexArray) -> Margin:
         return Margin(float("nan"), float("nan"))
     others = tuple(frequency[1:].tolist())
     return Margin(float(frequency[0]), float(phase_margin[0]), others)
-
-
-def why_no_crossing(omega: FloatArray, loop: ComplexArray) -> str:
-    """Why a loop has no crossover, in words."""
-    above = np.abs(loop) > 1.0
-    reach = f"between {omega[0]:g} and {omega[-1]:g} rad/s"
-    if not above.any():
-        return f"no crossing: the magnitude stays below one {reach}"
-    if above.all():
-        return f"no crossing: the magnitude stays above one {reach}"
-    return f"no crossing: the magnitude rises through one and never falls {reach}"
 
 
 def margins(

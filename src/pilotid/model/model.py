@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pilotid.model.channel import INPUTS, RATE, SHIFTS, STEEP, TIME, Changing, Channel
 from pilotid.model.element import ControlledElement, Rational
 from pilotid.model.factors import (
     Evaluated,
@@ -22,91 +22,16 @@ from pilotid.model.factors import (
     Parameter,
     Response,
 )
-from pilotid.model.timevarying import RATE, SHIFTS, STEEP, TIME, Changing
 from pilotid.support.types import (
-    SIGNAL_NAME,
     BoolArray,
     ComplexArray,
     FloatArray,
     InputError,
     IntArray,
-    is_signal_name,
 )
 
 if TYPE_CHECKING:
     import control
-
-
-#: Words for the signals of the loop that a channel acts on.
-INPUTS = {"error": "e", "output": "x", "target": "ft"}
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One path of the pilot, from an input signal to the control.
-
-    Attributes
-    ----------
-    name
-        As in tables and files, for example ``visual``.
-    on
-        The signal that it acts on: ``e``, ``x``, ``ft`` (or ``error``, ``output``, ``target``), or
-        the name of another recorded signal, as in `Recording.extra`.
-    sign
-        +1 or -1: motion channels act against the output.
-    factors
-        Their product is the channel's response (without the sign); what varies in time acts first.
-    """
-
-    name: str
-    on: str
-    sign: int
-    factors: tuple[Factor | Changing, ...]
-
-    def __post_init__(self) -> None:
-        if not re.fullmatch(r"[\w .+-]{1,40}", self.name):
-            raise ValueError(
-                f"channel {self.name!r}: the name must be letters, digits, blanks and . + -, 40 at "
-                "most"
-            )
-        object.__setattr__(self, "on", INPUTS.get(self.on, self.on))
-        if self.on in ("t", "u") or not is_signal_name(self.on):
-            raise ValueError(
-                f"channel {self.name}: cannot act on {self.on!r}; name a signal such as e, x, ft "
-                f"or x2: {SIGNAL_NAME}"
-            )
-        if self.sign not in (1, -1):
-            raise ValueError(
-                f"channel {self.name}: the sign must be 1 or -1, not {self.sign!r}; "
-                "its size belongs to a gain"
-            )
-        if not self.factors:
-            raise InputError(f"channel {self.name}: has no factors; give it one at least")
-        for factor in self.factors:
-            if not isinstance(factor, Factor | Changing):
-                raise ValueError(
-                    f"channel {self.name}: {type(factor).__name__} must derive from "
-                    "pilotid.model.factors.Factor"
-                )
-        if sum(isinstance(f, Changing) for f in self.factors) > 1:
-            raise ValueError(
-                f"channel {self.name}: put all factors that vary in time into one Changing"
-            )
-
-    @cached_property
-    def derivative(self) -> int:
-        """Order of the input's derivative that the channel acts on."""
-        return sum(f.derivative for f in self.factors if isinstance(f, Factor))
-
-    @cached_property
-    def dynamics(self) -> tuple[Factor, ...]:
-        """The factors apart from the differentiators and from what varies in time."""
-        return tuple(f for f in self.factors if isinstance(f, Factor) and not f.derivative)
-
-    @cached_property
-    def changing(self) -> Changing | None:
-        """The factor that varies in time and acts on the input first; None for none."""
-        return next((f for f in self.factors if isinstance(f, Changing)), None)
 
 
 #: A factor and the indices of its parameters.
@@ -124,7 +49,8 @@ class PilotModel:
     channels
         The paths that add up to the control.
     overrides
-        Parameters whose bounds or start differ from those that the factors give.
+        Parameters whose bounds or start differ from those that the factors give; those that the
+        model has not, or that it has fixed, say nothing.
 
     A structure of one's own takes a few lines::
 
@@ -145,18 +71,15 @@ class PilotModel:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Free parameters, in order of appearance, neuromuscular ones last."""
-        found: dict[str, Parameter] = {}
+        by_key: dict[str, Parameter] = {}
         for parameter in (p for c in self.channels for f in c.factors for p in f.parameters):
-            if found.setdefault(parameter.key, parameter) != parameter:
+            if by_key.setdefault(parameter.key, parameter) != parameter:
                 raise ValueError(
                     f"model {self.name}: the two factors that share parameter {parameter.key} "
                     "must give it the same unit, bounds and start"
                 )
-        for parameter in self.overrides:
-            if parameter.key not in found:
-                raise ValueError(f"model {self.name} has no parameter {parameter.key} to override")
-            found[parameter.key] = parameter
-        return tuple(sorted(found.values(), key=lambda p: p.last))
+        by_key |= {p.key: p for p in self.overrides if p.key in by_key}
+        return tuple(sorted(by_key.values(), key=lambda p: p.last))
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -261,12 +184,12 @@ class PilotModel:
         """
         if not self.needs_element:
             return self
+        return self._with_factors(lambda f: Inverse(element) if f == Inverse() else f)
 
-        def known(channel: Channel) -> Channel:
-            factors = (Inverse(element) if f == Inverse() else f for f in channel.factors)
-            return replace(channel, factors=tuple(factors))
-
-        return replace(self, channels=tuple(known(channel) for channel in self.channels))
+    def _with_factors(self, change: Callable[[Factor | Changing], Factor | Changing]) -> PilotModel:
+        """The same model with each factor changed."""
+        channels = (replace(c, factors=tuple(change(f) for f in c.factors)) for c in self.channels)
+        return replace(self, channels=tuple(channels))
 
     @cached_property
     def changes(self) -> bool:
@@ -352,17 +275,17 @@ class PilotModel:
             for factor, indices in self.moving
         ]
 
-    def responses_of(self, found: Sequence[Evaluated]) -> list[Response]:
+    def responses_of(self, evaluated: Sequence[Evaluated]) -> list[Response]:
         """Per channel, the response of all its dynamics that have parameters.
 
         Parameters
         ----------
-        found
+        evaluated
             What `evaluated` gave; each response has the shape of those there.
         """
         one = np.ones((1, 1))
         return [
-            reduce(np.multiply, [found[place][0] for place in places] or [one])
+            reduce(np.multiply, [evaluated[place][0] for place in places] or [one])
             for places in self.places
         ]
 
@@ -437,13 +360,13 @@ class PilotModel:
         """
         if not self.changes:
             return []
-        (middle, rate), found = self.change, []
+        (middle, rate), sets = self.change, []
         for shift in SHIFTS:
             moved = values.copy()
             moved[middle] = np.clip(values[middle] + shift, self.lower[middle], self.upper[middle])
             moved[rate] = STEEP
-            found.append(moved)
-        return found
+            sets.append(moved)
+        return sets
 
     def vector(self, values: Mapping[str, float]) -> FloatArray:
         """Parameter values by key as a vector in model order, shape (parameters,)."""
@@ -451,24 +374,6 @@ class PilotModel:
         if missing:
             raise InputError(f"model {self.name}: no value for {', '.join(missing)}")
         return np.array([float(values[key]) for key in self.keys])
-
-    def responses(self, s: ComplexArray, values: FloatArray) -> list[ComplexArray]:
-        """Each channel's response without its sign, its differentiators, and what varies in time.
-
-        Parameters
-        ----------
-        s
-            Laplace variable [rad/s], shape (n,).
-        values
-            Parameters in model order, shape (parameters,).
-        """
-        result = []
-        for layout in self.layout:
-            response: ComplexArray = np.ones_like(s)
-            for factor, indices in layout:
-                response = response * factor.response(s, [values[i, None] for i in indices])
-            result.append(response)
-        return result
 
     def response(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
         """Frequency response of every channel, without its sign.
@@ -487,12 +392,13 @@ class PilotModel:
         """
         self.require_constant()
         s = 1j * np.asarray(omega, dtype=float)
-        return np.array(
-            [
-                response * s**channel.derivative
-                for channel, response in zip(self.channels, self.responses(s, values), strict=True)
-            ]
-        )
+        result = []
+        for channel, layout in zip(self.channels, self.layout, strict=True):
+            response: ComplexArray = np.ones_like(s)
+            for factor, indices in layout:
+                response = response * factor.response(s, [values[i, None] for i in indices])
+            result.append(response * s**channel.derivative)
+        return np.array(result)
 
     def response_and_jacobian(
         self, omega: FloatArray, values: FloatArray
@@ -539,14 +445,16 @@ class PilotModel:
         ]
 
         def rows(values: FloatArray) -> ComplexArray:
-            found = self.evaluated(s, values)
+            evaluated = self.evaluated(s, values)
             shape = (len(every), values.shape[-1] + 1, s.size)
             result = np.zeros((*values.shape[:-1], *shape), dtype=complex)
             for c, (places, fixed) in enumerate(zip(self.places, every, strict=True)):
-                response = reduce(np.multiply, [found[place][0] for place in places], fixed)
+                response = reduce(np.multiply, [evaluated[place][0] for place in places], fixed)
                 result[..., c, -1, :] = response
                 for place in places:
-                    for index, slope in zip(self.moving[place][1], found[place][1], strict=True):
+                    for index, slope in zip(
+                        self.moving[place][1], evaluated[place][1], strict=True
+                    ):
                         result[..., c, index, :] += slope * response
             return result
 
@@ -596,16 +504,19 @@ class PilotModel:
     @cached_property
     def held(self) -> dict[str, float]:
         """Values of the parameters that are fixed, by their keys."""
-        own = (f.held for c in self.channels for f in c.factors if isinstance(f, Held))
-        return dict(pair for pairs in own for pair in pairs)
+        return {p.key: value for p, value in self._held}
+
+    @property
+    def _held(self) -> list[tuple[Parameter, float]]:
+        every = [f for c in self.channels for f in c.factors if isinstance(f, Held)]
+        known = {p.key: p for f in every for p in f.factor.parameters}
+        return [(known[key], value) for f in every for key, value in f.held]
 
     @property
     def held_words(self) -> list[str]:
         """These in words, as tables say them: a line, or none."""
-        own = (f for c in self.channels for f in c.factors if isinstance(f, Held))
-        units = {p.key: p.unit for f in own for p in f.factor.parameters}
-        words = (f"{key} = {value:g} {units[key]}".rstrip() for key, value in self.held.items())
-        return [f"held, not estimated: {', '.join(words)}"] if self.held else []
+        words = (f"{p.key} = {value:g} {p.unit}".rstrip() for p, value in self._held)
+        return [f"held, not estimated: {', '.join(dict.fromkeys(words))}"] if self.held else []
 
     def with_fixed(self, **values: float) -> PilotModel:
         """The same model with parameters held at values, by any method, without an interval.
@@ -622,24 +533,19 @@ class PilotModel:
             least = 0.0 if known.positive or known.delay else -np.inf
             if not np.isfinite(value) or value < least or (known.positive and value <= 0.0):
                 raise InputError(f"{key} cannot be held at {value:g}; give a number above 0")
-            if any(c.changing and key in (p.key for p in c.changing.parameters)
-                   for c in self.channels):  # fmt: skip
-                raise InputError(f"{key} of model {self.name} varies in time and cannot be held")
 
         def fixed(factor: Factor | Changing) -> Factor | Changing:
-            own = tuple((p.key, float(values[p.key])) for p in factor.parameters
-                        if p.key in values)  # fmt: skip
-            if not own or isinstance(factor, Changing):
-                return factor
+            keys = [p.key for p in factor.parameters if p.key in values]
+            if keys and isinstance(factor, Changing):
+                raise InputError(
+                    f"{keys[0]} of model {self.name} varies in time: it cannot be held"
+                )
+            constants = tuple((key, float(values[key])) for key in keys)
             if isinstance(factor, Held):
-                return Held(factor.factor, factor.held + own)
-            return Held(factor, own)
+                return Held(factor.factor, factor.held + constants)
+            return Held(factor, constants) if constants else factor  # type: ignore[arg-type]
 
-        channels = tuple(
-            replace(c, factors=tuple(fixed(f) for f in c.factors)) for c in self.channels
-        )
-        kept = tuple(p for p in self.overrides if p.key not in values)
-        return replace(self, channels=channels, overrides=kept)
+        return self._with_factors(fixed)
 
     def with_bounds(self, **bounds: tuple[float, float]) -> PilotModel:
         """The same model with other bounds of the search, by key.
@@ -650,7 +556,7 @@ class PilotModel:
             For a parameter that the model lacks, or bounds that are none.
         """
         self._require(bounds)
-        changed = {p.key: p for p in self.overrides}
+        changed = []
         for key, (lower, upper) in bounds.items():
             known = self.parameters[self.index[key]]
             if not (0.0 if known.positive or known.delay else -np.inf) <= lower < upper < np.inf:
@@ -660,8 +566,12 @@ class PilotModel:
             usual = tuple(inside) if inside[0] < inside[1] else (lower, upper)
             middle = (lower * upper) ** 0.5 if lower > 0.0 else 0.5 * (lower + upper)
             start = known.start if lower < known.start < upper else middle
-            changed[key] = replace(known, lower=lower, upper=upper, start=start, usual=usual)
-        return replace(self, overrides=tuple(changed.values()))
+            changed.append(replace(known, lower=lower, upper=upper, start=start, usual=usual))
+        return self._with(changed)
+
+    def _with(self, parameters: Iterable[Parameter]) -> PilotModel:
+        overrides = {p.key: p for p in (*self.overrides, *parameters)}
+        return replace(self, overrides=tuple(overrides.values()))
 
     def _require(self, keys: Iterable[str]) -> None:
         if unknown := [key for key in keys if key not in self.index]:
@@ -673,27 +583,21 @@ class PilotModel:
     def with_start(self, values: Mapping[str, float]) -> PilotModel:
         """The same model with other initial guesses for the parameters named."""
         self._require(values)
-        for p in self.parameters:
-            if p.key in values and not p.lower < values[p.key] < p.upper:
+        changed = [p for p in self.parameters if p.key in values]
+        for p in changed:
+            if not p.lower < values[p.key] < p.upper:
                 raise InputError(
                     f"the start {p.key}={values[p.key]:g} lies outside the bounds of model "
                     f"{self.name}, {p.lower:g} to {p.upper:g}"
                 )
-        changed = tuple(
-            replace(p, start=float(values[p.key])) if p.key in values else p
-            for p in self.parameters
-        )
-        return replace(self, overrides=changed)
+        return self._with(replace(p, start=float(values[p.key])) for p in changed)
 
     @cached_property
     def constant(self) -> PilotModel:
         """The model with what varies in time taken for constant; a constant one as it is."""
         if not self.changes:
             return self
-        channels = tuple(_constant(channel) for channel in self.channels)
-        plain = PilotModel(self.name, channels, self.description)
-        kept = tuple(p for p in self.overrides if p.key in plain.index)
-        return replace(plain, overrides=kept)
+        return replace(self, channels=tuple(_constant(channel) for channel in self.channels))
 
     @property
     def ends(self) -> tuple[IntArray, IntArray]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.estimate.draws import TAILS, Draws
+from pilotid.estimate.quantities import TAILS, Draws
 from pilotid.plots.style import (
     INK,
     WIDTH,

@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.estimate.draws import TAILS, Draws
 from pilotid.estimate.loops import COUNT, Loop, sampled_loops
-from pilotid.estimate.quantities import Quantity, combined, sampled
+from pilotid.estimate.quantities import TAILS, Draws, Quantity, combined, sampled
 from pilotid.likelihood.prediction import predict
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel

@@ -20,7 +20,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pilotid.estimate.draws import Draws
+from pilotid.estimate.quantities import Draws
 from pilotid.posterior.likelihood import Posterior
 from pilotid.support.types import FloatArray
 

@@ -58,8 +58,8 @@ def error_table(made: Design) -> Table:
         f"Predicted standard errors in % of the true values, from the Cramer-Rao bounds of "
         f"{runs} run{'s' if runs > 1 else ''} of {made.scenario.duration:.2f} s"
     )
-    columns = [made.reference_errors, made.errors, made.twice, made.five_runs]
-    rows = [(key, *(100.0 * own[key] for own in columns)) for key in made.errors]
+    columns = [made.errors[n] for n in ("reference_errors", "errors", "twice", "five_runs")]
+    rows = [(key, *(100.0 * errors[key] for errors in columns)) for key in columns[0]]
     titles = ("parameter", "reference", "design", "twice the time", "five runs")
     return table(rows, caption, titles, dict.fromkeys(titles[1:], number))
 

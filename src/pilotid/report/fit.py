@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pilotid.estimate.fitted import Fitted
+from pilotid.estimate.method import Fitted
 from pilotid.estimate.quantities import abreast as beside
 from pilotid.estimate.quantities import quantity_tables
 from pilotid.model.element import ControlledElement, parsed_element

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pilotid.datasets import SCENARIOS
-from pilotid.datasets.forcing import paper_disturbance, paper_target
+from pilotid.datasets.signals import paper_disturbance, paper_target
 from pilotid.plots.style import INK, colour_of, draw_grid, journal_figure, marker_of
 from pilotid.report.page import Figure, write_page
 from pilotid.report.study_figures import panelled

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pilotid.estimate.draws import Draws
-from pilotid.estimate.fitted import Fitted
-from pilotid.estimate.quantities import UNDETERMINED, Quantity
+from pilotid.estimate.method import Fitted
+from pilotid.estimate.quantities import UNDETERMINED, Draws, Quantity
 from pilotid.model.element import ControlledElement
 from pilotid.plots.posterior_figures import band, corner
 from pilotid.posterior.predictive import PredictiveBand

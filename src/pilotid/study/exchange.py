@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pilotid.datasets import scenarios_named
+from pilotid.datasets import scenario_named
 from pilotid.datasets.named import truth
 from pilotid.estimate.estimate import Outcome
 from pilotid.model.model import PilotModel
@@ -97,7 +97,7 @@ def export(
     make_folder(folder / RECORDINGS)
     make_folder(folder / TRUTH)
     entries = []
-    for origin in [own for text in scenarios for own in scenarios_named(text)]:
+    for origin in [scenario_named(text) for text in scenarios]:
         for replication in range(replications):
             scenario = scenario_of(origin, seed, replication)
             recording = recording_of(origin, seed, recorded(origin, replication))

@@ -16,7 +16,7 @@ from pilotid.datasets.experiments import bound_of, experiment_of
 from pilotid.datasets.named import AnyScenario
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import Method, identify
-from pilotid.estimate.warnings import OPEN
+from pilotid.estimate.warnings import LEFT_OPEN
 from pilotid.jobs import Loss
 from pilotid.methods import label_of
 from pilotid.model.element import ControlledElement
@@ -145,7 +145,7 @@ def told(remarked: tuple[str, ...], estimate: Estimate) -> str:
     estimate
         The estimate.
     """
-    own = [remark for remark in estimate.remarks if codes_of([remark])[0] not in OPEN]
+    own = [remark for remark in estimate.remarks if codes_of([remark])[0] not in LEFT_OPEN]
     found = [*(f"recording: {remark}" for remark in remarked), *own]
     line = " | ".join(found)
     return line if len(line) <= LONGEST_TOLD else f"{line[: LONGEST_TOLD - 4]} ..."

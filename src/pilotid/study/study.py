@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pilotid.datasets import CATALOGUE, AnyScenario, Population, scenarios_named, simulate
+from pilotid.datasets import CATALOGUE, AnyScenario, Population, scenario_named, simulate
 from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.estimate.method import Method
@@ -164,9 +164,8 @@ class Study:
         seed: int = DEFAULT_SEED,
     ) -> None:
         typed = [
-            (scenario, given if isinstance(given, str) else "")
+            (scenario_named(given), given) if isinstance(given, str) else (given, "")
             for given in _each(scenarios)
-            for scenario in (scenarios_named(given) if isinstance(given, str) else [given])
         ]
         tried = [labelled_method(given) for given in _each(methods)]
         self.labels = tuple(label for label, *_ in tried)

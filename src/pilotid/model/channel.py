@@ -1,21 +1,22 @@
-"""Gains and leads that pass from one value to another along a sigmoid in time.
+"""Channels of a pilot, and gains and leads that pass from one value to another along a sigmoid.
 
-They act on the channel's input before delay and neuromuscular system.  Where they vary in time,
-what these are given is a sum of the input and its derivatives, each times a function of time:
-K(t) (1 + T(t) s) e becomes K(t) e + K(t) T(t) de/dt.  So variation in time is a property of the
-model, and any method that predicts in the time domain can take it.
+What varies acts on the channel's input before delay and neuromuscular system, which are given a
+sum of the input and its derivatives, each times a function of time: K(t) (1 + T(t) s) e becomes
+K(t) e + K(t) T(t) de/dt.  So variation in time is a property of the model, and any method that
+predicts in the time domain can take it.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import cached_property, reduce
 
 import numpy as np
 
-from pilotid.model.factors import Parameter, Polynomial
-from pilotid.support.types import FloatArray
+from pilotid.model.factors import Factor, Parameter, Polynomial
+from pilotid.support.types import SIGNAL_NAME, FloatArray, InputError, is_signal_name
 
 #: Rate [1/s] from which on a change is a step: it takes less than half a second.
 STEEP = 10.0
@@ -48,8 +49,6 @@ class Changing:
     fixed_poles = ()
 
     def __post_init__(self) -> None:
-        if not self.factors or not self.changed:
-            raise ValueError("a change needs at least one factor with a parameter")
         for factor in self.factors:
             if not isinstance(factor, Polynomial):
                 raise ValueError(
@@ -150,6 +149,75 @@ class Changing:
             result.append(coefficients)
             first = last
         return result
+
+
+#: Words for the signals of the loop that a channel acts on.
+INPUTS = {"error": "e", "output": "x", "target": "ft"}
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One path of the pilot, from an input signal to the control.
+
+    Attributes
+    ----------
+    name
+        As in tables and files, for example ``visual``.
+    on
+        The signal that it acts on: ``e``, ``x``, ``ft`` (or ``error``, ``output``, ``target``), or
+        the name of another recorded signal, as in `Recording.extra`.
+    sign
+        +1 or -1: motion channels act against the output.
+    factors
+        Their product is the channel's response (without the sign); what varies in time acts first.
+    """
+
+    name: str
+    on: str
+    sign: int
+    factors: tuple[Factor | Changing, ...]
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[\w .+-]{1,40}", self.name):
+            raise ValueError(
+                f"channel {self.name!r}: the name must be letters, digits, blanks and . + -, 40 at "
+                "most"
+            )
+        object.__setattr__(self, "on", INPUTS.get(self.on, self.on))
+        if self.on in ("t", "u") or not is_signal_name(self.on):
+            raise ValueError(
+                f"channel {self.name}: cannot act on {self.on!r}; name a signal such as e, x, ft "
+                f"or x2: {SIGNAL_NAME}"
+            )
+        if self.sign not in (1, -1):
+            raise ValueError(
+                f"channel {self.name}: the sign must be 1 or -1, not {self.sign!r}; "
+                "its size belongs to a gain"
+            )
+        if not (self.factors and all(isinstance(f, Factor | Changing) for f in self.factors)):
+            raise InputError(
+                f"channel {self.name}: give it factors, which derive from "
+                "pilotid.model.factors.Factor"
+            )
+        if sum(isinstance(f, Changing) for f in self.factors) > 1:
+            raise ValueError(
+                f"channel {self.name}: put all factors that vary in time into one Changing"
+            )
+
+    @cached_property
+    def derivative(self) -> int:
+        """Order of the input's derivative that the channel acts on."""
+        return sum(f.derivative for f in self.factors if isinstance(f, Factor))
+
+    @cached_property
+    def dynamics(self) -> tuple[Factor, ...]:
+        """The factors apart from the differentiators and from what varies in time."""
+        return tuple(f for f in self.factors if isinstance(f, Factor) and not f.derivative)
+
+    @cached_property
+    def changing(self) -> Changing | None:
+        """The factor that varies in time and acts on the input first; None for none."""
+        return next((f for f in self.factors if isinstance(f, Changing)), None)
 
 
 def _share(time: FloatArray, values: FloatArray) -> FloatArray:
