@@ -51,7 +51,7 @@ def scenario_named(text: str) -> AnyScenario:
     if is_place(text):
         thing = load_object(text)
         if not isinstance(thing, AnyScenario):
-            raise InputError(f"{text}: is no Scenario and no Population")
+            raise InputError(f"{text}: is no Scenario and no Population; name one")
         return sound(thing)
     name, changed = from_catalogue(text, CATALOGUE, "scenario", "NAME")
     if changed == CATALOGUE[name] or changed.name != name:
