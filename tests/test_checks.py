@@ -127,6 +127,28 @@ def test_the_first_thing_that_is_wrong_is_told_and_how_to_mend_it() -> None:
     assert remarks(replace(recording, ft=None, lines={})) == ()
 
 
+@pytest.mark.parametrize("share", [0.01, 0.03])
+def test_channels_with_noise_of_their_own_are_still_e_x_and_ft(share: float) -> None:
+    recording = recording_of("nominal", 2)
+    rng = np.random.default_rng(5)
+    noisy = {}
+    for name in ("e", "u", "x"):
+        signal = recording.arrays[name]
+        noisy[name] = signal + share * np.std(signal) * rng.standard_normal(signal.shape)
+    known = recording.with_arrays({**recording.arrays, **noisy})
+    assert "wrong" not in {remark.grade for remark in remarks(known)}
+    rounded = {
+        name: 0.04 * np.std(s) * np.rint(s / (0.04 * np.std(s))) for name, s in noisy.items()
+    }
+    assert remarks(recording.with_arrays({**recording.arrays, **rounded})) == remarks(known)
+    (remark, *_) = remarks(replace(known, x=-known.x))
+    assert remark.code == "wrong-sign"
+    (remark, *_) = remarks(replace(known, ft=2.0 * recording.ft))
+    assert remark.code == "wrong-unit"
+    (remark, *_) = remarks(replace(known, e=known.e + 0.1 * np.std(known.e)))
+    assert remark.code == "not-the-error"
+
+
 def test_what_is_found_out_is_kept_as_long_as_the_recording() -> None:
     asked: list[tuple[int, int]] = []
 

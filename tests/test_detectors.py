@@ -154,3 +154,11 @@ def test_gains_and_units_that_differ_are_mended_by_what_is_said() -> None:
     assert f"--map fd={found.size:.3g}*d" in found.sentence
     (remark,) = (r for r in remarks(replace(sound, x=sound.x / 57.2958)) if r.code == "wrong-unit")
     assert "--map x=57.2958*x" in remark
+
+
+def test_a_target_that_jumps_is_no_slow_recorder() -> None:
+    recording = simulate(SCENARIOS["single"], np.random.default_rng(0))
+    wave = np.sin(8.0 * math.pi * recording.time / recording.duration)
+    target = 1.5 * np.sign(wave) * np.minimum(1.0, 12.0 * np.abs(wave))
+    jumping = replace(recording, ft=target[None], e=target - recording.x, lines={})
+    assert "resampled" not in {finding.code for finding in findings(jumping)}

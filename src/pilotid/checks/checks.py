@@ -225,8 +225,15 @@ def not_the_error(recording: Recording) -> Remark | None:
     if recording.ft is None:
         return _without_target(recording)
     signals = {name: recording.window(getattr(recording, name)) for name in ("e", "x", "ft")}
-    off = _rms(signals["e"] - signals["ft"] + signals["x"]) / (_rms(signals["e"]) or 1.0)
+    size = _rms(signals["e"]) or 1.0
+    off = _rms(signals["e"] - signals["ft"] + signals["x"]) / size
     if off <= SIGNAL.identity:
+        return None
+    told = _explainer(signals["x"], signals["ft"])
+    # What no signal explains is noise of the recorder, which each channel has of its own.
+    if off <= SIGNAL.noise and told(signals["e"] - signals["ft"] + signals["x"]) <= (
+        SIGNAL.identity * size
+    ):
         return None
     others = {
         "e": signals["ft"] - signals["x"],
@@ -234,14 +241,14 @@ def not_the_error(recording: Recording) -> Remark | None:
         "ft": signals["e"] + signals["x"],
     }
     for name, wanted in others.items():
-        if _rms(signals[name] + wanted) <= SIGNAL.identity * _rms(signals["e"]):
+        if told(signals[name] + wanted) <= SIGNAL.identity * size:
             cure = recording.flipped(name)
             words = f"e is not ft - x: {name} has the wrong sign; flip it with --map {cure}"
             return Remark("wrong-sign", words)
     for name in ("x", "e", "ft"):
         wanted, given = others[name], signals[name]
         factor = float(np.sum(wanted * given) / (np.sum(given**2) or 1.0))
-        fits = factor and _rms(wanted - factor * given) <= SIGNAL.identity * _rms(wanted)
+        fits = factor and told(wanted - factor * given) <= SIGNAL.identity * _rms(wanted)
         if fits and abs(factor - 1.0) > SIGNAL.scaled:
             return Remark("wrong-unit", f"e is not ft - x: {_scaled(recording, name, factor)}")
     return Remark(
@@ -249,6 +256,21 @@ def not_the_error(recording: Recording) -> Remark | None:
         f"e is not ft - x: they differ by {100.0 * off:.3g} % of e; check signs, units, offsets "
         "and the names that --map gives",
     )
+
+
+def _explainer(*signals: FloatArray) -> Callable[[FloatArray], float]:
+    """What gives the rms of what signals, their slopes and a constant explain of another."""
+    columns = [np.ones_like(signals[0]), *signals]
+    columns += [np.gradient(signal, axis=1) for signal in signals]
+    scaled = [column / (_rms(column) or 1.0) for column in columns]
+    gram = np.array([[np.vdot(a, b) for a in scaled] for b in scaled]) / scaled[0].size
+    inverse = np.linalg.pinv(gram, hermitian=True)
+
+    def explained(signal: FloatArray) -> float:
+        along = np.array([np.vdot(a, signal) for a in scaled]) / signal.size
+        return math.sqrt(max(float(along @ inverse @ along), 0.0))
+
+    return explained
 
 
 def _without_target(recording: Recording) -> Remark | None:

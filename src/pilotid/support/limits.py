@@ -20,6 +20,7 @@ class RecorderLimits(NamedTuple):
     lines: tuple[float, float] = (80.0, 60.0)  # dB, of a line over its surroundings (78, 69)
     goes_on: float = -15.0  # dB in half an octave: a fall begins where it gets as steep
     grid: float = 8.0  # mean difference over that of the smallest phase (5.6)
+    slowest: float = 4.0  # Hz, of a recorder
     coarse: float = 0.2  # step over rms from which rounding hides movements
     again: float = 1e-3  # of its rms, by which a forcing function differs when it begins again
     own: float = 3e-5  # rms of e - (ft - x) over that of e (1e-15); files of 5 decimals reach it
@@ -54,7 +55,8 @@ class SignalLimits(NamedTuple):
     drift: float = 2.0  # of u over a run of 82 s, in standard deviations of what is left
     own_trend: float = 0.1  # share of a trend that the signals of the loop must leave to be told
     offset: float = 4.0  # standard errors of the mean of u (1.4)
-    identity: float = 0.01  # rms of e - (ft - x) over that of e (3e-6)
+    identity: float = 0.01  # rms of e - (ft - x) over that of e, but for noise (3e-6)
+    noise: float = 0.1  # the same with the noise that channels recorded apart have
     shown: float = 0.5  # share of the target's fast lines that the error must show
     fastest_loop: float = 7.0  # rad/s; people cross over at 6 rad/s at most
     scaled: float = 0.02  # by which a factor between signals differs from 1 to be one of units
