@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pilotid.estimate.quantities import symbol, unit_words
 from pilotid.experiment.files import CONDITION, SUBJECT, in_order
-from pilotid.experiment.results import LEFT_OUT
+from pilotid.experiment.results import LEFT_OUT, MEASURED, Results
 from pilotid.plots.style import INK, draw_grid, journal_figure, log_ticks, with_unit
+from pilotid.report.page import Figure
 from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Drawing
     from pandas import DataFrame
 
 ACROSS = 4  # panels in a row
@@ -27,19 +28,38 @@ MARKERS = "osD^vP"
 PARTS = ("target", "disturbance", "remnant")
 
 
-def estimates_figure(own: DataFrame) -> Figure | None:
-    """Estimates over conditions, a panel for each quantity that has values; None if none has.
+def figures(results: Results) -> Iterator[Figure]:
+    """Variances and estimates of each stratum and method, and the responses of groups."""
+    if not {SUBJECT, CONDITION} <= {*results.fields}:
+        return
+    groups = [(title, own[own[LEFT_OUT] == ""]) for title, own in results.groups()]
+    split = [(title, own) for title, own in groups if "var_e_remnant" in {*own["parameter"]}]
+    for place, (title, own) in enumerate(split, 1):
+        words = f"What variances are made of, {title}: means over subjects, 95 % intervals."
+        yield Figure(f"variances-{place}", variances_figure(own), words)
+    strata = results.responses.groupby("stratum", sort=False)
+    for place, (stratum, own) in enumerate(strata, 1):
+        words = (
+            f"{', '.join(filter(None, ['Responses at the forcing lines', stratum]))}: means over "
+            "subjects, in which coefficients that are poorly known weigh little, 95 % intervals; "
+            "no model of the pilot."
+        )
+        yield Figure(f"responses-{place}", responses_figure(own), words)
+    fits = [(title, own) for title, own in groups if len(own[own["method"] != MEASURED])]
+    for place, (title, own) in enumerate(fits, 1):  # the tall ones last, for fewer pages
+        words = f"{title}. Bars: 95 % from the claimed errors, cut where they are long."
+        yield Figure(f"estimates-{place}", estimates_figure(own), words)
+
+
+def estimates_figure(own: DataFrame) -> Drawing:
+    """Estimates over conditions, a panel for each quantity.
 
     Parameters
     ----------
     own
-        Rows of one stratum and method, with columns subject and condition; those that do not count
-        are not drawn.
+        Rows of one stratum and method that count, with columns subject and condition.
     """
-    own = own[own[LEFT_OUT] == ""]
     keys = [*dict.fromkeys(own["parameter"])]
-    if not keys:
-        return None
     conditions, subjects = in_order([*own[CONDITION]]), in_order([*own[SUBJECT]])
     rows = math.ceil(len(keys) / ACROSS)
     with journal_figure(1.75 * rows + 0.4) as figure:
@@ -54,7 +74,7 @@ def estimates_figure(own: DataFrame) -> Figure | None:
     return figure
 
 
-def _legend(figure: Figure, handles: Iterable[Any], labels: Iterable[str]) -> None:
+def _legend(figure: Drawing, handles: Iterable[Any], labels: Iterable[str]) -> None:
     figure.legend([*handles], [*labels], loc="outside lower center", ncols=7, frameon=False)
 
 
@@ -89,8 +109,8 @@ def _panel(axes: Axes, own: DataFrame, conditions: list[str], subjects: list[str
     axes.set_title(with_unit(symbol(first["parameter"]), unit_words(first["unit"])), loc="left")
 
 
-def variances_figure(own: DataFrame) -> Figure | None:
-    """Variances of e, u and x over conditions, stacked; None without forcing lines.
+def variances_figure(own: DataFrame) -> Drawing:
+    """Variances of e, u and x over conditions, stacked.
 
     Bars are 95 % intervals of the mean over subjects: of a total, and of each part.
 
@@ -99,12 +119,9 @@ def variances_figure(own: DataFrame) -> Figure | None:
     own
         Measured rows of one stratum that count.
     """
-    own = own[own[LEFT_OUT] == ""]
     conditions = in_order([*own[CONDITION]])
     table = own.groupby(["parameter", CONDITION])["value"].agg(["mean", "sem", "count"])
     signals = [name for name in "eux" if f"var_{name}_remnant" in table.index]
-    if not signals:
-        return None
     with journal_figure(2.4) as figure:
         panels = figure.subplots(1, len(signals), squeeze=False)[0]
         for axes, name in zip(panels, signals, strict=True):
@@ -134,7 +151,7 @@ def _reach(own: DataFrame) -> FloatArray:
     return np.asarray(np.nan_to_num(t.isf(0.025, freedom) * own["sem"].to_numpy()))
 
 
-def responses_figure(responses: DataFrame) -> Figure | None:
+def responses_figure(responses: DataFrame) -> Drawing:
     """The group's frequency responses at the forcing lines, magnitude above phase, by channel.
 
     Parameters
@@ -148,8 +165,6 @@ def responses_figure(responses: DataFrame) -> Figure | None:
     error and of the subjects' scatter at the line together, so that one that is poorly known counts
     little; bars are 95 % intervals.
     """
-    if not len(responses):
-        return None
     channels = [*dict.fromkeys(responses["channel"])]
     with journal_figure(3.0) as figure:
         panels = figure.subplots(2, len(channels), squeeze=False, sharex=True, height_ratios=(3, 2))
