@@ -17,12 +17,11 @@ import numpy as np
 
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.parts import FrequencyResponse
-from pilotid.likelihood.diagnostics import Whitened, correlations, prediction_errors
+from pilotid.likelihood.diagnostics import correlations, prediction_errors
 from pilotid.model.element import ControlledElement
 from pilotid.plots.responses import NO_UNITS, describing_function, open_loop
 from pilotid.plots.style import (
     INK,
-    Named,
     draw_grid,
     journal_figure,
     leading,
@@ -42,8 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "autocorrelation",
-    "cross_correlation",
+    "correlation",
     "describing_function",
     "open_loop",
     "remnant",
@@ -108,9 +106,8 @@ def signals(
 # the remnant
 
 INSIDE = 0.8  # share of an analysis band that its filter leaves alone
+SEGMENTS = 4  # of a run whose spectra are averaged
 BAND = 30.0  # rad/s, up to which a residual's spectrum is shown where no model says how far
-#: A periodogram is averaged over this share of the frequency, and over so many lines at least.
-SMOOTHING, FEWEST = 1.0 / 6.0, 4
 
 
 def remnant(
@@ -121,22 +118,12 @@ def remnant(
     Parameters
     ----------
     estimates
-        Estimates; without a recording, at least one of them has a model of the remnant.
+        The estimates.
     recording
-        What they were estimated from, for the smoothed periodogram of the residual (points).
+        What they were estimated from, for the residual's spectrum (points), after Welch (1967).
     axes
         Where to draw; None makes a new figure by pyplot.
-
-    Raises
-    ------
-    InputError
-        If there is nothing to draw.
     """
-    if recording is None and all(e.remnant is None for e in estimates):
-        raise InputError(
-            "none of these estimates has a model of the remnant; name the recording, too, to see "
-            "the spectra of their residuals"
-        )
     axes, chosen = axes if axes is not None else new_axes(), leading(estimates)
     for own in named(estimates):
         model, highest = own.estimate.remnant, BAND
@@ -146,7 +133,7 @@ def remnant(
             axes.plot(model.omega[shown], model.density[shown], color=own.colour,
                       linestyle=own.dash, linewidth=1.4, label=own.label)  # fmt: skip
         if recording is not None and own.estimate is chosen:
-            omega, density = _periodogram(recording, own.estimate)
+            omega, density = _spectrum(recording, own.estimate)
             shown = omega <= highest
             axes.plot(omega[shown], density[shown], own.marker, color=own.colour,
                       markersize=3.5, markerfacecolor="white",
@@ -162,21 +149,14 @@ def remnant(
     return axes
 
 
-def _periodogram(recording: Recording, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
-    """One-sided power density of the residual over frequency [rad/s], all runs averaged."""
+def _spectrum(recording: Recording, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    """Frequency [rad/s] and one-sided power density of the residual, all runs averaged."""
+    from scipy.signal import welch
+
     frame = estimate.simulate(recording)
     left = (frame.control - frame.simulated).to_numpy().reshape(recording.runs, -1)
-    count = left.shape[1]
-    taper = np.hanning(count)
-    spectrum = np.fft.rfft(taper * left)
-    power = np.mean(np.abs(spectrum) ** 2, axis=0) * recording.dt / (np.pi * np.sum(taper**2))
-    omega = 2.0 * np.pi * np.fft.rfftfreq(count, recording.dt)
-    edges = [1]
-    while edges[-1] < omega.size:
-        edges.append(edges[-1] + max(FEWEST, round(SMOOTHING * edges[-1])))
-    sizes = np.diff([*edges[:-1], omega.size])
-    places = np.add.reduceat(omega, edges[:-1]) / sizes
-    return places, np.add.reduceat(power, edges[:-1]) / sizes
+    omega, density = welch(left, 2.0 * np.pi / recording.dt, nperseg=left.shape[1] // SEGMENTS)
+    return omega[1:], density.mean(axis=0)[1:]
 
 
 # prediction errors
@@ -185,8 +165,16 @@ LAGS = 2.5  # seconds
 SHADE = "#e8e8e8"
 
 
-def autocorrelation(recording: Recording, *estimates: Estimate, axes: Axes | None = None) -> Axes:
-    """Autocorrelation of the prediction errors, and the limits that hold 95 % if they are white.
+def correlation(
+    recording: Recording,
+    *estimates: Estimate,
+    signal: str | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Autocorrelation of the prediction errors, or their correlation with an earlier input.
+
+    Dashed limits hold 95 % if errors are white, and nothing in the input explains them.  Lags below
+    zero (shaded) are inputs after the error, which hold it through the loop: no fault.
 
     Parameters
     ----------
@@ -195,31 +183,10 @@ def autocorrelation(recording: Recording, *estimates: Estimate, axes: Axes | Non
     estimates
         Estimates from it; those without values are left out.  Errors are whitened by each
         estimate's own model of the remnant, or else by one fitted to what it leaves.
+    signal
+        ``e`` or ``x``, on which a channel of the models acts; None for the errors themselves.
     axes
         Where to draw; None makes a new figure by pyplot.
-    """
-    axes = axes if axes is not None else new_axes()
-    for own in filter(lambda own: own.known, named(estimates)):
-        errors = prediction_errors(recording, own.estimate)
-        _draw_correlations(axes, own, errors, errors.errors, range(1, 1 + _longest(errors)))
-    axes.set_ylabel("autocorrelation [-]")
-    return _over_lags(axes, 0.0)
-
-
-def cross_correlation(
-    recording: Recording, *estimates: Estimate, signal: str = "e", axes: Axes | None = None
-) -> Axes:
-    """Correlation of the prediction errors with an input of the pilot some time before.
-
-    Within the limits, which hold 95 %, nothing in the input explains the errors.  Lags below zero
-    (shaded) are inputs after the error, which hold it through the loop: no fault.
-
-    Parameters
-    ----------
-    recording, estimates, axes
-        As for `autocorrelation`.
-    signal
-        ``e`` or ``x``, on which a channel of the models acts.
 
     Raises
     ------
@@ -227,42 +194,27 @@ def cross_correlation(
         If no channel acts on that signal.
     """
     axes = axes if axes is not None else new_axes()
+    begin, reach = (-0.5 * LAGS if signal else 0.0), 0.0
     for own in filter(lambda own: own.known, named(estimates)):
         errors = prediction_errors(recording, own.estimate)
-        if signal not in errors.inputs:
-            taken = ", ".join(c.on for c in own.estimate.model.channels)
+        inputs = {None: errors.errors, **errors.inputs}
+        if signal not in inputs:
             raise InputError(
-                f"no channel of model {own.estimate.model.name} acts on {signal}: choose {taken}"
+                f"no channel of model {own.estimate.model.name} acts on {signal}: choose "
+                f"{', '.join(errors.inputs)}"
             )
-        lags = range(-_longest(errors) // 2, 1 + _longest(errors))
-        _draw_correlations(axes, own, errors, errors.inputs[signal], lags)
-    axes.axvspan(-0.5 * LAGS, 0.0, color=SHADE, linewidth=0.0, zorder=-1.0)
-    axes.set_ylabel(f"correlation with {signal} [-]")
-    return _over_lags(axes, -0.5 * LAGS)
-
-
-def _longest(errors: Whitened) -> int:
-    """The longest lag that is shown, in samples."""
-    return min(round(LAGS / errors.dt), int(errors.errors.shape[1]) - 1)
-
-
-def _draw_correlations(
-    axes: Axes, own: Named, errors: Whitened, signal: FloatArray, lags: range
-) -> None:
-    found, times = correlations(errors.errors, signal, lags), errors.dt * np.array(lags)
-    axes.plot(times, found, color=own.colour, linestyle=own.dash, label=own.label)
-    limit = Z95 / float(np.sqrt(errors.errors.size))
-    for side in (-limit, limit):
-        axes.axhline(side, color=INK, linewidth=0.7, linestyle=(0, (4.0, 2.0)))
-
-
-def _over_lags(axes: Axes, begin: float) -> Axes:
+        longest = min(round(LAGS / errors.dt), int(errors.errors.shape[1]) - 1)
+        lags = range(-longest // 2, 1 + longest) if signal else range(1, 1 + longest)
+        drawn = correlations(errors.errors, inputs[signal], lags)
+        times, limit = errors.dt * np.array(lags), Z95 / float(np.sqrt(errors.errors.size))
+        axes.plot(times, drawn, color=own.colour, linestyle=own.dash, label=own.label)
+        for side in (-limit, limit):
+            axes.axhline(side, color=INK, linewidth=0.7, linestyle=(0, (4.0, 2.0)))
+        reach = max(reach, 1.25 * limit, 1.25 * float(np.max(np.abs(drawn))))
+    axes.axvspan(begin, 0.0, color=SHADE, linewidth=0.0, zorder=-1.0)
     axes.axhline(0.0, color=INK, linewidth=0.5)
-    drawn = [np.asarray(line.get_ydata(), float) for line in axes.get_lines()]
-    reach = 1.25 * max(float(np.max(np.abs(own))) for own in drawn)
-    if reach > 0.0:
-        axes.set_ylim(-reach, reach)
-    axes.set(xlim=(begin, LAGS), xlabel="lag [s]")
+    axes.set(xlim=(begin, LAGS), ylim=(-reach, reach) if reach else None, xlabel="lag [s]")
+    axes.set_ylabel(f"correlation with {signal} [-]" if signal else "autocorrelation [-]")
     draw_grid(axes)
     if len(axes.get_legend_handles_labels()[1]) > 1:
         legend(axes)
@@ -320,12 +272,10 @@ def remnant_figure(recording: Recording, estimates: Sequence[Estimate]) -> Figur
 
 def whiteness_figure(recording: Recording, estimate: Estimate) -> Figure:
     """Tests of the prediction errors of one estimate."""
-    inputs = dict.fromkeys(channel.on for channel in estimate.model.channels)
+    signals = (None, *dict.fromkeys(channel.on for channel in estimate.model.channels))
     with journal_figure(2.4) as figure:
-        panels = figure.subplots(1, 1 + len(inputs))
-        autocorrelation(recording, estimate, axes=panels[0])
-        for name, axes in zip(inputs, panels[1:], strict=True):
-            cross_correlation(recording, estimate, signal=name, axes=axes)
+        for name, axes in zip(signals, figure.subplots(1, len(signals)), strict=True):
+            correlation(recording, estimate, signal=name, axes=axes)
     return figure
 
 

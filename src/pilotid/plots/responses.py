@@ -243,9 +243,6 @@ def fitted_response(
     return responses[channel], _errors(jacobians[channel] / responses[channel], covariance)
 
 
-TURNS = (15.0, 45.0, 90.0, 180.0, 360.0)  # degrees between ticks
-
-
 class Bode:
     """Magnitude and phase over frequency.
 
@@ -317,7 +314,7 @@ class Bode:
 
     def frame(self) -> None:
         """Scales, labels and limits; lines and points decide on these, bands and bars do not."""
-        from matplotlib.ticker import MultipleLocator
+        from matplotlib.ticker import MaxNLocator
 
         self.above.set_yscale("log")
         for axes in (self.above, self.below):
@@ -330,10 +327,8 @@ class Bode:
         if sizes.size:
             self.above.set_ylim(0.6 * np.min(sizes), 1.7 * np.max(sizes))
         if phases.size:
-            low, high = np.min(phases) - 20.0, np.max(phases) + 20.0
-            self.below.set_ylim(low, high)
-            step = next((s for s in TURNS if high - low < 7.0 * s), TURNS[-1])
-            self.below.yaxis.set_major_locator(MultipleLocator(step))
+            self.below.set_ylim(np.min(phases) - 20.0, np.max(phases) + 20.0)
+        self.below.yaxis.set_major_locator(MaxNLocator(6, steps=[1.0, 1.5, 3.0, 4.5, 9.0, 10.0]))
         log_ticks(self.above, "y")
         self.above.tick_params(axis="x", labelbottom=False)
         self.below.set(ylabel="phase [deg]", xlabel="frequency [rad/s]")
