@@ -119,7 +119,7 @@ def _models(results: Results, kind: str, stratum: Group, own: Group) -> list[Map
 def _subjects(of: DataFrame, conditions: Sequence[str]) -> tuple[DataFrame, str]:
     """Values of the subjects (rows) that count in all conditions (columns); who does not, why."""
     table = of.pivot(index=SUBJECT, columns=CONDITION, values=["value", LEFT_OUT])
-    table, parameter = table.loc[in_order([*table.index])], of["parameter"].iloc[0]
+    table, parameter = table.loc[in_order(table.index)], of["parameter"].iloc[0]
     whole = table["value"][[*conditions]].astype(float).dropna()
     reasons = table[LEFT_OUT][[*conditions]].drop(index=whole.index).stack(future_stack=True)
     out = [

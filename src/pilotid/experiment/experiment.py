@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from pilotid.estimate.method import Method
 from pilotid.experiment.comparisons import compared
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 TABLES = ("estimates", "models", "loops", "contrasts", "factors", "left_out")
 TEX, PAGE = "tables.tex", "report.html"
 
-T = TypeVar("T")
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Experiment(Results):
@@ -40,10 +38,19 @@ class Experiment(Results):
 
     Attributes
     ----------
-    folder
-        Where its store is.
+    contrasts, factors, models, left_out
+        The tables of these names, see `to_dataframe`.
+    quantities
+        A row for each quantity of each fit.
+    responses
+        Coefficients at the forcing lines of the recordings that count.
+    settings, parts, choices, compared
+        What was asked for; the recordings; the model of each group of recordings, and those in
+        which conditions are compared.
     refused
         A sentence for each file or fit that there is not.
+    folder
+        Where its store is.
     """
 
     folder: Path
@@ -201,9 +208,9 @@ def analyse(
     return Experiment(**vars(results), folder=folder)
 
 
-def _several(given: Sequence[T]) -> Sequence[T]:
+def _several(given: Any) -> list[Any]:
     """A list, also of one text alone."""
-    return [given] if isinstance(given, str) else given  # type: ignore[list-item]
+    return [given] if isinstance(given, str) else [*given]
 
 
 def pairs_of(texts: Sequence[str]) -> list[tuple[str, str]]:

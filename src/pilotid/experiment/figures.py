@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pilotid.estimate.parts import FrequencyResponse
 from pilotid.estimate.quantities import symbol, unit_words
 from pilotid.experiment.files import CONDITION, SUBJECT, in_order
 from pilotid.experiment.results import LEFT_OUT, MEASURED, Results
-from pilotid.plots.style import INK, draw_grid, journal_figure, log_ticks, with_unit
+from pilotid.plots.responses import Bode
+from pilotid.plots.style import INK, draw_grid, journal_figure, with_unit
 from pilotid.report.page import Figure
+from pilotid.support.numbers import Z95
 from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:
@@ -60,7 +63,7 @@ def estimates_figure(own: DataFrame) -> Drawing:
         Rows of one stratum and method that count, with columns subject and condition.
     """
     keys = [*dict.fromkeys(own["parameter"])]
-    conditions, subjects = in_order([*own[CONDITION]]), in_order([*own[SUBJECT]])
+    conditions, subjects = in_order(own[CONDITION]), in_order(own[SUBJECT])
     rows = math.ceil(len(keys) / ACROSS)
     with journal_figure(1.75 * rows + 0.4) as figure:
         panels = figure.subplots(rows, min(ACROSS, len(keys)), squeeze=False).ravel()
@@ -119,7 +122,7 @@ def variances_figure(own: DataFrame) -> Drawing:
     own
         Measured rows of one stratum that count.
     """
-    conditions = in_order([*own[CONDITION]])
+    conditions = in_order(own[CONDITION])
     table = own.groupby(["parameter", CONDITION])["value"].agg(["mean", "sem", "count"])
     signals = [name for name in "eux" if f"var_{name}_remnant" in table.index]
     with journal_figure(2.4) as figure:
@@ -166,30 +169,21 @@ def responses_figure(responses: DataFrame) -> Drawing:
     little; bars are 95 % intervals.
     """
     channels = [*dict.fromkeys(responses["channel"])]
+    lines = np.array([0.9, 1.1]) * [responses["omega"].min(), responses["omega"].max()]
     with journal_figure(3.0) as figure:
         panels = figure.subplots(2, len(channels), squeeze=False, sharex=True, height_ratios=(3, 2))
-        for (above, below), channel in zip(panels.T, channels, strict=True):
-            own = responses[responses["channel"] == channel]
-            conditions = in_order([*own[CONDITION]])
+        for axes, channel in zip(panels.T, channels, strict=True):
+            own, bode = responses[responses["channel"] == channel], Bode(tuple(axes), lines)
+            conditions = in_order(own[CONDITION])
             for place, condition in enumerate(conditions):
-                points = [
-                    (float(omega), *_weighted(of))
-                    for omega, of in own[own[CONDITION] == condition].groupby("omega")
-                ]
-                omega, mean, error = (np.array(column) for column in zip(*points, strict=True))
-                omega = np.real(omega) * (1.0 + 0.02 * (place - 0.5 * len(conditions)))
-                size, relative = np.abs(mean), np.minimum(error / np.abs(mean), 0.9)
-                look = {"fmt": "o", "color": COLOURS[place % len(COLOURS)], "markersize": 3.0}
-                above.errorbar(omega, size, size * relative, label=condition, **look)
-                phase = np.degrees(np.unwrap(np.angle(mean)))
-                below.errorbar(omega, phase, np.degrees(relative), **look)
-            above.set(xscale="log", yscale="log")
-            log_ticks(above, "x")
-            above.set_title(f"{channel} channel, magnitude", loc="left")
-            below.set_xlabel("frequency [rad/s]")
-            for axes in (above, below):
-                draw_grid(axes)
-        panels[1, 0].set_ylabel("phase [deg]")
+                by_line = own[own[CONDITION] == condition].groupby("omega")
+                mean, error = zip(*(_weighted(of) for _, of in by_line), strict=True)
+                omega = np.array([*by_line.groups]) * (1.0 + 0.02 * (place - len(conditions) / 2))
+                covariance = np.diag(np.tile(np.square(error) / Z95**2, 2))
+                response = FrequencyResponse(omega, np.array([mean]), covariance)
+                bode.points(response, 0, COLOURS[place % len(COLOURS)], "o", condition)
+            bode.frame()
+            axes[0].set_title(f"{channel} channel, magnitude", loc="left")
         _legend(figure, *panels[0, 0].get_legend_handles_labels())
     return figure
 

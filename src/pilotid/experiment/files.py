@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -165,10 +165,10 @@ def parts_of(files: Sequence[Path], pattern: str | None) -> tuple[list[Part], li
                 "pattern, {run} if they are runs of one recording"
             )
     parts = [
-        Part(tuple(runs[run] for run in in_order([*runs])), dict(fields))
+        Part(tuple(runs[run] for run in in_order(runs)), dict(fields))
         for fields, runs in grouped.items()
     ]
-    order = in_order([part.words for part in parts])
+    order = in_order(part.words for part in parts)
     return sorted(parts, key=lambda part: order.index(part.words)), refused
 
 
@@ -186,7 +186,7 @@ def excluded_of(parts: Sequence[Part], texts: Sequence[str]) -> tuple[list[Part]
         wanted = {(name.strip(), value.strip()) for name, _, value in pairs}
         out = [part for part in left if wanted <= part.fields.items()]
         if not out or len(out) == len(left):
-            known = in_order([f"{n}={v}" for part in parts for n, v in part.fields.items()])
+            known = in_order(f"{n}={v}" for part in parts for n, v in part.fields.items())
             raise InputError(
                 f"--exclude {text}: excludes {'all that is left' if out else 'nothing'}; name "
                 f"FIELD=VALUE of the pattern, of which there are {', '.join(known) or 'none'}"
@@ -196,16 +196,10 @@ def excluded_of(parts: Sequence[Part], texts: Sequence[str]) -> tuple[list[Part]
     return left, excluded
 
 
-def in_order(values: Sequence[str]) -> list[str]:
+def in_order(values: Iterable[str]) -> list[str]:
     """Distinct values in a natural order: C2 before C10."""
-
-    def key(text: str) -> list[tuple[bool, int, str]]:
-        return [
-            (not part.isdigit(), int(part) if part.isdigit() else 0, part)
-            for part in re.split(r"(\d+)", text)
-        ]
-
-    return sorted(set(values), key=key)
+    padded = {text: re.sub(r"\d+", lambda own: own[0].zfill(20), text) for text in values}
+    return sorted(padded, key=lambda text: (padded[text], text))
 
 
 def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], DataFrame | None]:
@@ -231,7 +225,7 @@ def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], D
         parts, levels = _by_fields(parts, names)
     else:
         levels = _in_text(text)
-    there = in_order([part.condition for part in parts])
+    there = in_order(part.condition for part in parts)
     for condition in levels.index.difference(there):
         raise InputError(
             f"--factors: no file has the condition {condition}; the conditions are "
@@ -262,7 +256,7 @@ def _by_fields(parts: Sequence[Part], names: Sequence[str]) -> tuple[list[Part],
         rows[condition] = levels
         others = {name: value for name, value in part.fields.items() if name not in names}
         renamed.append(Part(part.files, {**others, CONDITION: condition}))
-    return renamed, DataFrame.from_dict(rows, orient="index").loc[in_order([*rows])]
+    return renamed, DataFrame.from_dict(rows, orient="index").loc[in_order(rows)]
 
 
 def _in_text(text: str) -> DataFrame:

@@ -6,42 +6,34 @@ import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import copies_among, fingerprints
-from pilotid.choice import (
-    Candidate,
-    Choice,
-    choose_jointly,
-    choose_model,
-    compare_models,
-    default_candidates,
-)
+from pilotid.choice import compare_models, default_candidates
 from pilotid.element_fit import chosen_element
 from pilotid.estimate.estimate import Estimate, is_at_bound
 from pilotid.estimate.fitted import fit_all
 from pilotid.estimate.loops import Loops
 from pilotid.estimate.method import Method, identify
 from pilotid.estimate.quantities import frame_of, spans_decade
-from pilotid.experiment.files import SUBJECT, Part
+from pilotid.experiment.files import Part
 from pilotid.experiment.performance import lines_shared, measured
 from pilotid.experiment.results import (
     LEFT_OUT,
     LEFT_OUT_COLUMNS,
     LOOP,
     PARAMETER,
-    Compared,
     Content,
     Fitting,
-    Group,
     Results,
     Settings,
+    choices_of,
     results_of,
 )
 from pilotid.jobs import Loss, processors, run_tasks
@@ -66,8 +58,7 @@ TIME_LIMIT = 3600.0
 # ----------------------------------------------------------------------------------- tasks
 
 
-@dataclass(frozen=True)
-class Task:
+class Task(NamedTuple):
     """One task, which may be done by another process.
 
     Attributes
@@ -307,7 +298,7 @@ def fit_recordings(
         copies = copies_among([part.name for part in looks], prints)
         for place, content in enumerate(looks.values()):
             content["remarks"] = [*_graded(copies.get(place, ())), *content["remarks"]]
-        choices, compared = _choices(looks, settings)
+        choices, compared = choices_of(looks, settings)
         tasks = []
         for part in looks:
             chosen = [choices[part.group].model] if settings.auto else settings.named
@@ -348,27 +339,3 @@ def _contents(
     for task in tasks:
         if task.key not in lost:
             yield task.part, store.get(dict, (task.key, "", 0))
-
-
-def _choices(
-    looks: Mapping[Part, Content], settings: Settings
-) -> tuple[dict[Group, Choice], Compared]:
-    """The model of each group of recordings, and those in which conditions are compared."""
-    groups: dict[Group, list[list[Candidate]]] = {}
-    strata: dict[Group, dict[str, Group]] = {}
-    for part, content in looks.items():
-        groups.setdefault(part.group, []).append(
-            [Candidate(**own) for own in content["candidates"]]
-        )
-        if SUBJECT in part.fields and part.condition:
-            strata.setdefault(part.stratum, {})[part.condition] = part.group
-    choices = {group: choose_model(own) for group, own in groups.items()}
-    compared = dict[tuple[Group, Group], tuple[Mapping[str, str], bool]]()
-    for stratum, conditions in strata.items() if settings.auto else ():
-        there = [*conditions]
-        for own in (*settings.condition_pairs(there), *settings.crossed(there)):
-            those = {name: groups[conditions[name]] for name in own}
-            models, suits = choose_jointly(those, settings.models)
-            # Of many conditions a model that does not suit them all serves no test.
-            compared[stratum, own] = (models if suits or len(own) == 2 else {}, suits)
-    return choices, compared

@@ -69,13 +69,13 @@ TITLES = {
     "subjects": "n", "freedom": "df", "p_holm": "p Holm", "effect_size": "d_z",
     "interval_95": "95 % interval", "eta_squared": "partial eta²", "vaf_mean": "vaf",
 }  # fmt: skip
-#: Columns for the terminal, for papers, and for the page.
-BRIEF = (
-    *("method", "conditions", "parameter", "unit", "subjects", "difference", "t", "freedom", "p"),
-    *("p_holm", "effect_size"),
+#: Columns for the page, for papers, and for the terminal.
+TESTED = (
+    *("method", "conditions", "parameter", "unit", "subjects", "difference", "interval_95", "t"),
+    *("freedom", "p", "p_holm", "effect_size", "robust_difference", "wilcoxon_p", "notes"),
 )
-PAPER = (*BRIEF, "interval_95")
-TESTED = (*PAPER, "robust_difference", "wilcoxon_p", "notes")
+PAPER = TESTED[:-3]
+BRIEF = tuple(name for name in PAPER if name != "interval_95")
 EFFECTS = (
     *("method", "parameter", "effect", "subjects", "F", "df1", "df2", "epsilon", "p_corrected"),
     "eta_squared",
@@ -152,7 +152,7 @@ def means_tables(results: Results) -> Iterator[Table]:
     for title, rows in results.groups():
         place = CONDITION if CONDITION in rows else "file"
         who = rows.groupby(place)[SUBJECT if SUBJECT in rows else "file"].nunique()
-        conditions = in_order([*who.index])
+        conditions = in_order(who.index)
         cells = []
         for (parameter, unit), own in rows.groupby(["parameter", "unit"], sort=False):
             out = own[own[LEFT_OUT] != ""]

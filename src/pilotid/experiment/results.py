@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
-from pilotid.choice import Choice
+from pilotid.choice import Candidate, Choice, choose_jointly, choose_model
 from pilotid.estimate.method import Method
 from pilotid.experiment.files import CONDITION, SUBJECT, Part, in_order
 from pilotid.model.element import ControlledElement
@@ -201,6 +201,30 @@ class Results:
             if key[-1] and not auto:
                 words.append(f"model `{key[-1]}`")
             yield ", ".join(words), rows
+
+
+def choices_of(
+    looks: Mapping[Part, Content], settings: Settings
+) -> tuple[dict[Group, Choice], Compared]:
+    """The model of each group of recordings, and those in which conditions are compared."""
+    groups: dict[Group, list[list[Candidate]]] = {}
+    strata: dict[Group, dict[str, Group]] = {}
+    for part, content in looks.items():
+        groups.setdefault(part.group, []).append(
+            [Candidate(**own) for own in content["candidates"]]
+        )
+        if SUBJECT in part.fields and part.condition:
+            strata.setdefault(part.stratum, {})[part.condition] = part.group
+    choices = {group: choose_model(own) for group, own in groups.items()}
+    compared = dict[tuple[Group, Group], tuple[Mapping[str, str], bool]]()
+    for stratum, conditions in strata.items() if settings.auto else ():
+        there = [*conditions]
+        for own in (*settings.condition_pairs(there), *settings.crossed(there)):
+            those = {name: groups[conditions[name]] for name in own}
+            models, suits = choose_jointly(those, settings.models)
+            # Of many conditions a model that does not suit them all serves no test.
+            compared[stratum, own] = (models if suits or len(own) == 2 else {}, suits)
+    return choices, compared
 
 
 def results_of(

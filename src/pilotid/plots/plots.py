@@ -197,15 +197,15 @@ def correlation(
     begin, reach = (-0.5 * LAGS if signal else 0.0), 0.0
     for own in filter(lambda own: own.known, named(estimates)):
         errors = prediction_errors(recording, own.estimate)
-        inputs = {None: errors.errors, **errors.inputs}
-        if signal not in inputs:
+        against = errors.inputs.get(signal) if signal else errors.errors
+        if against is None:
             raise InputError(
                 f"no channel of model {own.estimate.model.name} acts on {signal}: choose "
                 f"{', '.join(errors.inputs)}"
             )
         longest = min(round(LAGS / errors.dt), int(errors.errors.shape[1]) - 1)
         lags = range(-longest // 2, 1 + longest) if signal else range(1, 1 + longest)
-        drawn = correlations(errors.errors, inputs[signal], lags)
+        drawn = correlations(errors.errors, against, lags)
         times, limit = errors.dt * np.array(lags), Z95 / float(np.sqrt(errors.errors.size))
         axes.plot(times, drawn, color=own.colour, linestyle=own.dash, label=own.label)
         for side in (-limit, limit):
