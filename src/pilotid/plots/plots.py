@@ -3,7 +3,7 @@
 For notebooks and for pages alike; below are the figures of pages, put together from them::
 
     plot.signals(recording, mle, fourier)
-    plot.describing_function(mle, fourier, channel="visual")
+    plot.describing_function(mle, fourier)
 
 Functions of several estimates draw what there is of those that failed.
 """

@@ -47,7 +47,6 @@ LOOP_STYLES: tuple[tuple[str, str, Dash], ...] = (
 
 def describing_function(
     *estimates: Estimate,
-    channel: str | None = None,
     truth: FloatArray | None = None,
     points: FrequencyResponse | Recording | None = None,
     units: Mapping[str, str] = NO_UNITS,
@@ -62,8 +61,6 @@ def describing_function(
     ----------
     estimates
         At least one estimate.
-    channel
-        Name of a channel; None for all of the first estimate's model.
     truth
         True parameters of a simulation, in the order of the first estimate's model, shape
         (parameters,).
@@ -73,8 +70,8 @@ def describing_function(
     units
         Of the recording's signals, for the label of the magnitude.
     axes
-        Magnitude and phase of each channel in turn; a pair has one channel, the first unless
-        `channel` names it.  None makes a new figure by pyplot.
+        Magnitude and phase of each channel of the first estimate's model in turn; of fewer axes
+        the first channels.  None makes a new figure by pyplot.
 
     Returns
     -------
@@ -83,13 +80,11 @@ def describing_function(
     Raises
     ------
     InputError
-        If there is no estimate, or a model has no such channel.
+        If there is no estimate.
     """
     if not estimates:
         raise InputError("name at least one estimate whose describing function is to be drawn")
-    names = [channel] if channel else [c.name for c in estimates[0].model.channels]
-    for name in names:
-        _channel(estimates[0], name)
+    names = [c.name for c in estimates[0].model.channels]
     axes = new_columns(len(names)) if axes is None else axes
     if isinstance(points, Recording):
         from pilotid.methods.fourier import first_step_of
@@ -111,7 +106,10 @@ def _draw_channel(
     bode = Bode(axes, np.geomspace(*_shown(estimates, points), POINTS))
     banded = leading(estimates)
     for own in named(estimates):
-        estimate, index = own.estimate, _channel(own.estimate, channel)
+        estimate, names = own.estimate, [c.name for c in own.estimate.model.channels]
+        if channel not in names:
+            continue
+        index = names.index(channel)
         for number, end in enumerate(_ends(estimate.model) if own.known else ()):
             response, errors = fitted_response(estimate, index, bode.omega, end)
             label = f"{own.label}, after the change" if number else own.label
@@ -120,7 +118,8 @@ def _draw_channel(
         if (found := estimate.frequency_response) is not None:
             label = "" if own.known else own.label
             bode.points(found, index, own.colour, own.marker, label)
-    model, index = estimates[0].model, _channel(estimates[0], channel)
+    model = estimates[0].model
+    index = [c.name for c in model.channels].index(channel)
     if points is not None:
         bode.points(points, index, INK, "o", "Fourier coefficients")
     if truth is not None:
@@ -158,10 +157,8 @@ def open_loop(
         If the estimate has no values, or its loop is not known.
     """
     model, values = estimate.model, estimate.values
-    if model.no_loop:
-        raise InputError(f"no loop of model {model.name}: {model.no_loop}")
-    if not np.isfinite(values).all():
-        raise InputError(f"{estimate.method} has no values, so that there is no loop to draw")
+    if why := model.no_loop or ("" if np.isfinite(values).all() else "the fit has no values"):
+        raise InputError(f"{estimate.method}, {model.name}: no loop to draw: {why}")
     element = as_element(element)
     above, below = axes or new_columns(1)
     bode = Bode((above, below), np.geomspace(*OF_LOOPS, 2 * POINTS))
@@ -217,16 +214,6 @@ def _shown(estimates: Sequence[Estimate], points: FrequencyResponse | None) -> t
         return USUAL
     every = np.concatenate(found)
     return float(0.8 * every.min()), float(1.25 * every.max())
-
-
-def _channel(estimate: Estimate, name: str) -> int:
-    """Index of a channel by its name."""
-    names = [c.name for c in estimate.model.channels]
-    if name not in names:
-        raise InputError(
-            f"model {estimate.model.name} has no channel {name}: choose from {', '.join(names)}"
-        )
-    return names.index(name)
 
 
 def _ends(model: PilotModel) -> tuple[IntArray, ...]:
