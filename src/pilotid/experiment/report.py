@@ -44,26 +44,15 @@ def _interval(low: float, high: float, error: float) -> str:
     return f"[{to_error(low, error)}, {to_error(high, error)}]" if math.isfinite(low) else NONE
 
 
-#: What writes numbers, by column; a few columns are written with others.
+#: What writes numbers, by column; other columns hold words.
 FORMS: Mapping[str, Callable[..., str]] = {
     **dict.fromkeys(("subjects", "freedom", "df1", "df2", "runs", "failed"), "{:.0f}".format),
     **dict.fromkeys(("p", "p_holm", "wilcoxon_p", "p_corrected"), p_value),
     **dict.fromkeys(("F", "epsilon", "eta_squared", "effect_size", "vaf"), number),
     **dict.fromkeys(("halves_percent", "halves_z"), number),
+    **dict.fromkeys(("difference", "interval_95", "robust_difference", "vaf_mean", "behind"), str),
     "t": "{:.2f}".format,
     "spread": percent,
-    "difference": unsigned,
-    "interval_95": _interval,
-    "robust_difference": to_error,
-    "vaf_mean": unsigned,
-    "behind": plus_minus,
-}
-WITH: Mapping[str, tuple[str, ...]] = {
-    "difference": ("difference", "std_error"),
-    "interval_95": ("lower_holm_95", "upper_holm_95", "std_error"),
-    "robust_difference": ("robust_difference", "std_error"),
-    "vaf_mean": ("vaf_mean", "vaf_error"),
-    "behind": ("behind", "behind_error"),
 }
 TITLES = {
     "subjects": "n", "freedom": "df", "p_holm": "p Holm", "effect_size": "d_z",
@@ -96,14 +85,10 @@ def frame_table(frame: DataFrame, caption: str, columns: Sequence[str], heads: i
     frame, caption
         What is shown.
     columns
-        The frame's columns, see `FORMS` and `WITH`; others hold words.
+        The frame's columns, see `FORMS`.
     heads
         How many of them say what a row is about.
     """
-    values = [
-        zip(*(frame[own] for own in WITH[name]), strict=True) if name in WITH else frame[name]
-        for name in columns
-    ]
     titles = {name: TITLES.get(name, name.replace("_", " ")) for name in columns}
     forms = {titles[name]: form for name, form in FORMS.items() if name in titles}
     marks = {
@@ -111,7 +96,7 @@ def frame_table(frame: DataFrame, caption: str, columns: Sequence[str], heads: i
         for name in ("p_holm", "p_corrected")
         if name in titles
     }
-    rows = zip(*values, strict=True)
+    rows = frame[[*columns]].itertuples(index=False, name=None)
     return table(rows, caption, [*titles.values()], forms, heads=heads, marks=marks)
 
 
@@ -119,7 +104,13 @@ def contrast_table(
     results: Results, frame: DataFrame, caption: str, columns: Sequence[str]
 ) -> Table:
     """A row for each contrast."""
-    frame = frame.assign(conditions=frame["condition_a"] + (":" + frame["condition_b"]))
+    error = frame["std_error"]
+    frame = frame.assign(
+        conditions=frame["condition_a"] + (":" + frame["condition_b"]),
+        difference=[*map(unsigned, frame["difference"], error)],
+        interval_95=[*map(_interval, frame["lower_holm_95"], frame["upper_holm_95"], error)],
+        robust_difference=[*map(to_error, frame["robust_difference"], error)],
+    )
     return frame_table(frame, caption, [*results.strata, *columns], len(results.strata) + 3)
 
 
@@ -222,6 +213,10 @@ def left_out_table(results: Results) -> Table:
     frame = concat(
         ranked(rows).assign(**dict(zip(kinds, key, strict=True)))
         for key, rows in results.left_out.groupby(kinds, sort=False)
+    )
+    vaf = [*map(unsigned, frame["vaf_mean"], frame["vaf_error"])]
+    frame = frame.assign(
+        vaf_mean=vaf, behind=[*map(plus_minus, frame["behind"], frame["behind_error"])]
     )
     caption = "Runs predicted by the fit of the others, the likeliest first"
     return frame_table(frame, caption, [*kinds, *PREDICTED], len(kinds) + 2)
