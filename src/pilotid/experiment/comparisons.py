@@ -121,13 +121,15 @@ def _subjects(of: DataFrame, conditions: Sequence[str]) -> tuple[DataFrame, str]
     table = of.pivot(index=SUBJECT, columns=CONDITION, values=["value", LEFT_OUT])
     table, parameter = table.loc[in_order(table.index)], of["parameter"].iloc[0]
     whole = table["value"][[*conditions]].astype(float).dropna()
+    if len(whole) == len(table):
+        return whole, ""
     reasons = table[LEFT_OUT][[*conditions]].drop(index=whole.index).stack(future_stack=True)
     out = [
         f"subject {subject}, {f'{parameter} {why}' if isinstance(why, str) else 'no recording'}"
         f" in {condition}"
         for (subject, condition), why in reasons[reasons != ""].items()
     ]
-    return whole, f"n = {len(whole)} of {len(table)}: {'; '.join(out)}" if out else ""
+    return whole, f"n = {len(whole)} of {len(table)}: {'; '.join(out)}"
 
 
 # ------------------------------------------------------------------------------- contrasts

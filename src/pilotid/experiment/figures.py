@@ -169,14 +169,14 @@ def responses_figure(responses: DataFrame) -> Drawing:
     little; bars are 95 % intervals.
     """
     channels = [*dict.fromkeys(responses["channel"])]
+    conditions = in_order(responses[CONDITION])
     lines = np.array([0.9, 1.1]) * [responses["omega"].min(), responses["omega"].max()]
     with journal_figure(3.0) as figure:
         panels = figure.subplots(2, len(channels), squeeze=False, sharex=True, height_ratios=(3, 2))
         for axes, channel in zip(panels.T, channels, strict=True):
             own, bode = responses[responses["channel"] == channel], Bode(tuple(axes), lines)
-            conditions = in_order(own[CONDITION])
-            for place, condition in enumerate(conditions):
-                by_line = own[own[CONDITION] == condition].groupby("omega")
+            for condition, rows in own.groupby(CONDITION):
+                place, by_line = conditions.index(condition), rows.groupby("omega")
                 mean, error = zip(*(_weighted(of) for _, of in by_line), strict=True)
                 omega = np.array([*by_line.groups]) * (1.0 + 0.02 * (place - len(conditions) / 2))
                 covariance = np.diag(np.tile(np.square(error) / Z95**2, 2))
