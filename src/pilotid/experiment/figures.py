@@ -64,11 +64,15 @@ def estimates_figure(own: DataFrame) -> Drawing:
     """
     keys = [*dict.fromkeys(own["parameter"])]
     conditions, subjects = in_order(own[CONDITION]), in_order(own[SUBJECT])
+    at, who = own[CONDITION].map(conditions.index), own[SUBJECT].map(subjects.index)
+    own = own.assign(at=at, who=who, x=at + 0.48 * ((who + 0.5) / len(subjects) - 0.5))
     rows = math.ceil(len(keys) / ACROSS)
     with journal_figure(1.75 * rows + 0.4) as figure:
         panels = figure.subplots(rows, min(ACROSS, len(keys)), squeeze=False).ravel()
         for axes, key in zip(panels, keys, strict=False):
-            _panel(axes, own[own["parameter"] == key], conditions, subjects)
+            _panel(axes, own[own["parameter"] == key])
+            axes.set_xticks(range(len(conditions)), conditions)
+            axes.set_xlim(-0.6, len(conditions) - 0.4)
         for axes in panels[len(keys) :]:
             axes.set_axis_off()
         every = [axes.get_legend_handles_labels() for axes in panels]
@@ -81,27 +85,17 @@ def _legend(figure: Drawing, handles: Iterable[Any], labels: Iterable[str]) -> N
     figure.legend([*handles], [*labels], loc="outside lower center", ncols=7, frameon=False)
 
 
-def _panel(axes: Axes, own: DataFrame, conditions: list[str], subjects: list[str]) -> None:
-    offsets = np.linspace(-0.24, 0.24, len(subjects)) if len(subjects) > 1 else np.zeros(1)
-    place = own[CONDITION].map(conditions.index)
-    for count, (subject, offset) in enumerate(zip(subjects, offsets, strict=True)):
-        here = own[SUBJECT] == subject
-        if not here.any():
-            continue
-        x, y = place[here] + offset, own.loc[here, "value"]
-        reach = np.abs(own.loc[here, ["lower_95", "upper_95"]].sub(y, axis=0).fillna(0.0)).T
-        colour, marker = COLOURS[count % 7], MARKERS[count // 7 % len(MARKERS)]
-        axes.plot(x, y, color=colour, linewidth=0.5, alpha=0.5)
+def _panel(axes: Axes, own: DataFrame) -> None:
+    for who, rows in own.groupby("who"):
+        reach = rows[["lower_95", "upper_95"]].sub(rows["value"], axis=0).abs().fillna(0.0)
+        colour, marker = COLOURS[who % 7], MARKERS[who // 7 % len(MARKERS)]
         look: dict[str, Any]
-        look = {"fmt": marker, "color": colour, "markersize": 3.0, "elinewidth": 0.9}
-        axes.errorbar(x, y, reach, label=f"subject {subject}", **look)
-    for at, values in own.groupby(place)["value"]:
-        if len(values) > 1:
-            mean = [float(values.mean())] * 2
-            ends = [at - 0.36, at + 0.36]
-            axes.plot(ends, mean, color=INK, linewidth=1.2, label="mean over subjects")
-    axes.set_xticks(range(len(conditions)), conditions)
-    axes.set_xlim(-0.6, len(conditions) - 0.4)
+        look = {"fmt": f"-{marker}", "color": colour, "linewidth": 0.5, "markersize": 3.0}
+        look |= {"elinewidth": 0.9, "label": f"subject {rows[SUBJECT].iloc[0]}"}
+        axes.errorbar(rows["x"], rows["value"], reach.T, **look)
+    means = own.groupby("at")["value"].mean()
+    ends = means.index - 0.36, means.index + 0.36
+    axes.hlines(means, *ends, color=INK, linewidth=1.2, label="mean over subjects")
     draw_grid(axes, "y")
     # Intervals that would squeeze the values together are cut.
     low, high = float(own["value"].min()), float(own["value"].max())
