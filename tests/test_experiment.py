@@ -271,12 +271,12 @@ def test_factors_that_make_no_sense_are_refused(text: str, words: str) -> None:
 def test_subjects_needed_are_those_of_the_noncentral_t() -> None:
     for effect in (0.3, 0.5, 1.0):
         known = TTestPower().solve_power(effect, alpha=0.05, power=0.8)
-        assert subjects_needed(effect, 0.8) == math.ceil(known)
-    assert subjects_needed(1e-3, 0.8) is None
+        assert subjects_needed(effect) == math.ceil(known)
+    assert subjects_needed(1e-3) is None
     own = planned(made({"C1": A, "C2": B})).to_dict("records")[0]
     spread = np.std(np.subtract(B, A), ddof=1) / np.mean([A, B])
     assert own["spread"] == pytest.approx(spread)
-    assert own["subjects"] == subjects_needed(0.15 / spread, 0.8)
+    assert own["subjects"] == subjects_needed(0.15 / spread)
 
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="there is no pdflatex")

@@ -227,25 +227,25 @@ def planned(results: Results) -> DataFrame:
     known = known.assign(spread=known["subjects"] * (known["std_error"] / size) ** 2)
     keys = [*results.strata, *QUANTITY]
     spread = known.groupby(keys, sort=False)["spread"].mean().pow(0.5).reset_index()
-    return spread.assign(subjects=[subjects_needed(SHARE / s, POWER) for s in spread["spread"]])
+    return spread.assign(subjects=[subjects_needed(SHARE / s) for s in spread["spread"]])
 
 
-def subjects_needed(effect: float, power: float) -> int | None:
-    """The fewest subjects with whom a paired t-test finds a difference; None for over 1000.
+def subjects_needed(effect: float) -> int | None:
+    """The fewest subjects with whom a paired t-test at 5 % finds a difference as often as `POWER`.
+
+    None for over 1000.
 
     Parameters
     ----------
     effect
         The difference over the standard deviation of the subjects' differences.
-    power
-        How often it is to be found at 5 %.
     """
     from scipy.stats import nct, t
 
     counts = np.arange(2, 1001)
     limit, shift = t.isf(0.025, counts - 1), effect * np.sqrt(counts)
     often = nct.sf(limit, counts - 1, shift) + nct.cdf(-limit, counts - 1, shift)
-    enough = np.flatnonzero(often >= power)
+    enough = np.flatnonzero(often >= POWER)
     return int(counts[enough[0]]) if enough.size else None
 
 

@@ -38,7 +38,7 @@ def figures(results: Results) -> Iterator[Figure]:
     groups = [(title, own[own[LEFT_OUT] == ""]) for title, own in results.groups()]
     split = [(title, own) for title, own in groups if "var_e_remnant" in {*own["parameter"]}]
     for place, (title, own) in enumerate(split, 1):
-        words = f"What variances are made of, {title}: means over subjects, 95 % intervals."
+        words = f"What variances are made of ({title}): means over subjects, 95 % intervals."
         yield Figure(f"variances-{place}", variances_figure(own), words)
     strata = results.responses.groupby("stratum", sort=False)
     for place, (stratum, own) in enumerate(strata, 1):

@@ -196,11 +196,7 @@ class Results:
         shown = shown[shown["chosen"] & shown["run"].isna() & (shown["otherwise"] == "")]
         keys = [*self.strata, "method", *([] if auto else ["model"])]
         for key, rows in shown.groupby(keys, sort=False):
-            *words, method = key if auto else key[:-1]
-            words.append("performance" if method == MEASURED else f"method `{method}`")
-            if key[-1] and not auto:
-                words.append(f"model `{key[-1]}`")
-            yield ", ".join(words), rows
+            yield ", ".join(filter(None, key)), rows
 
 
 def choices_of(

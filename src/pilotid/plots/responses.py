@@ -163,7 +163,9 @@ def open_loop(
     above, below = axes or new_columns(1)
     bode = Bode((above, below), np.geomspace(*OF_LOOPS, 2 * POINTS))
     loops = np.array(open_loops(model, values, element, bode.omega))
-    errors = loop_errors(estimate, element, bode.omega)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a loop without a channel is zero
+        slopes = np.array(loop_slopes(model, values, element, bode.omega))
+    errors = [_errors(own, estimate.covariance) for own in slopes]
     same = bool(np.allclose(loops[0], loops[1]))
     above.axhline(1.0, color=INK, linewidth=0.6)
     drawn = [*zip(loops, errors, margins(model, values, element), LOOP_STYLES, strict=True)]
@@ -182,13 +184,6 @@ def open_loop(
     above.set_ylabel("magnitude |L| [-]")
     legend(above)
     return above, below
-
-
-def loop_errors(estimate: Estimate, element: ControlledElement, omega: FloatArray) -> FloatArray:
-    """Errors of log-magnitude and phase [rad] of both open loops, shape (2 loops, 2, n)."""
-    with np.errstate(invalid="ignore", divide="ignore"):  # a loop without a channel is zero
-        slopes = np.array(loop_slopes(estimate.model, estimate.values, element, omega))
-    return np.array([_errors(own, estimate.covariance) for own in slopes])
 
 
 def _errors(slopes: ComplexArray, covariance: FloatArray) -> FloatArray:
