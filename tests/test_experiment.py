@@ -6,6 +6,7 @@ import math
 import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from itertools import product
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from statsmodels.stats.anova import AnovaRM
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.power import TTestPower
 
-from pilotid.choice import Choice
+from pilotid.choice import Candidate, Choice
 from pilotid.estimate.quantities import SYMBOLS, symbol
 from pilotid.experiment.comparisons import (
     anova,
@@ -37,7 +38,7 @@ from pilotid.experiment.figures import (
 )
 from pilotid.experiment.files import Part, with_factors
 from pilotid.experiment.report import means_tables, notable_contrasts, tables_tex
-from pilotid.experiment.results import MODEL_COLUMNS, Fitting, Results, Settings, results_of
+from pilotid.experiment.results import Fitting, Results, Settings, results_of
 from pilotid.model.catalogue import MODELS
 from pilotid.support.types import InputError
 
@@ -76,10 +77,8 @@ def made(
     settings = Settings(
         Fitting({}), models, ["single"], False, pairs=pairs, factors=levels, keep_all=keep_all
     )
-    candidate = {"model": "single", "freedom": 0, "chi_squared": math.nan, "bounds": ""}
-    candidate |= dict.fromkeys(("left_out_log_likelihood", "left_out_chi_squared"), ())
-    candidate |= dict.fromkeys({*MODEL_COLUMNS} - {*candidate}, 0)
-    empty = {"estimates": [], "left_out": [], "responses": [], "candidates": [candidate]}
+    empty = {"estimates": [], "left_out": [], "responses": []}
+    empty["candidates"] = [asdict(Candidate("single", 5))]
     looks, fits = {}, []
     for part in parts:
         subject, condition = part.fields["subject"], part.condition

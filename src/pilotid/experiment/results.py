@@ -29,11 +29,6 @@ if TYPE_CHECKING:
 MEASURED, LOOP, PARAMETER = KINDS = ("measured", "loop", "parameter")
 #: Why a value enters no mean, test or figure; empty if it does.
 LEFT_OUT = "left_out"
-MODEL_COLUMNS = (
-    *("model", "chosen", "pilot_parameters", "parameters", "remnant", "samples", "log_likelihood"),
-    *("aicc", "bic", "vaf", "left_out_log_likelihood", "chi_squared", "freedom"),
-    *("chi_squared_per_freedom", "left_out_chi_squared", "remarks"),
-)
 LEFT_OUT_COLUMNS = (
     *("run", "model", "method", "outcome", "vaf", "log_likelihood", "seconds"),
     *("halves_percent", "halves_z"),
@@ -259,8 +254,8 @@ def results_of(
             own = {"stratum": " ".join(part.stratum), CONDITION: part.condition}
             responses.setdefault(part, [{**own, **row} for row in content["responses"]])
         for candidate in content.get("candidates", ()):
-            own = {"chosen": "yes" if candidate["model"] == choice else "no"}
-            models.append({**head, **candidate, **own})
+            own = {"model": "", "chosen": "yes" if candidate["model"] == choice else "no"}
+            models.append({**head, **own, **candidate})
     frame = DataFrame(quantities).astype({"run": "Int64"}).drop(columns="quantities")
     # Of a pilot who changes there is no loop, and nothing to show.
     known = frame.groupby(["kind", "model", "parameter"])["value"].transform("count") > 0
@@ -271,7 +266,7 @@ def results_of(
         choices=choices,
         compared=compared,
         quantities=frame[known | (frame["kind"] != LOOP)].reset_index(drop=True),
-        models=_models_frame(DataFrame(models), [*head]),
+        models=_models_frame(DataFrame(models)),
         left_out=DataFrame(predicted, columns=[*head, *LEFT_OUT_COLUMNS]),
         responses=DataFrame([row for rows in responses.values() for row in rows], columns=columns),
         contrasts=DataFrame(),
@@ -297,13 +292,12 @@ def _why_left_out(
     return why or ("" if math.isfinite(row["value"]) else "no value")
 
 
-def _models_frame(frame: DataFrame, head: Sequence[str]) -> DataFrame:
+def _models_frame(frame: DataFrame) -> DataFrame:
     """Rows of models.csv, from those of candidates."""
-    freedom = frame["freedom"].where(frame["freedom"] > 0).astype("Int64")
-    left_out = {
-        name: frame[name].map(lambda runs: sum(runs) or math.nan)
-        for name in ("left_out_log_likelihood", "left_out_chi_squared")
-    }
-    excess = frame["chi_squared"] / freedom.astype(float)
-    frame = frame.assign(freedom=freedom, chi_squared_per_freedom=excess, **left_out)
-    return frame.rename(columns={"bounds": "remarks"})[[*head, *MODEL_COLUMNS]]
+    frame = frame.drop(columns=["no_delay", "determined", "varies"])
+    frame["freedom"] = frame["freedom"].where(frame["freedom"] > 0).astype("Int64")
+    of_runs = ["left_out_log_likelihood", "left_out_chi_squared"]
+    frame[of_runs] = frame[of_runs].map(lambda runs: sum(runs) or math.nan)
+    excess = frame["chi_squared"] / frame["freedom"].astype(float)
+    frame.insert(frame.columns.get_loc("freedom") + 1, "chi_squared_per_freedom", excess)
+    return frame.rename(columns={"bounds": "remarks"})
