@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import sqlite3
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
 from io import StringIO
@@ -19,6 +20,8 @@ from helpers import PILOTS, Run
 import pilotid
 from pilotid.datasets import simulate
 from pilotid.experiment.files import fields_of, parts_of
+from pilotid.experiment.fits import Answer, Task
+from pilotid.jobs import Loss
 from pilotid.model.loops import margins
 from pilotid.recording.files import save_recording
 from pilotid.support.numbers import recording_rng
@@ -153,6 +156,24 @@ def test_a_second_call_does_nothing_again(small: Path, monkeypatch: pytest.Monke
     assert [*found.to_dataframe("models")] == [*table(out / "models.csv")[0]]
     with pytest.raises(InputError, match="there are estimates, models, loops"):
         found.to_dataframe("figures")
+
+
+def test_lost_fits_are_named_and_what_needs_no_model_stays(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copy(small / "out" / "study.sqlite", tmp_path)
+
+    def lose(
+        _: object, tasks: list[Task], lost: Callable[..., Answer], *__: object, **___: object
+    ) -> list[Answer]:
+        return [lost(task, Loss.DIED, "exit code 3") for task in tasks]
+
+    monkeypatch.setattr("pilotid.experiment.fits.run_tasks", lose)
+    files = small_files(small)
+    found = pilotid.analyse(files, PATTERN, "single", "fourier", out=tmp_path)
+    assert found.refused == [f"{file}: its process died (exit code 3)" for file in files]
+    assert "Fits: none." in found.write().read_text("utf-8")
+    assert {*found.to_dataframe()["method"]} == {"measured"}
 
 
 @pytest.mark.numerical

@@ -73,7 +73,7 @@ def measured(recording: Recording) -> list[dict[str, Any]]:
     single = enumerate(zip(*values, strict=True), 1) if runs > 1 else ()
     shared: dict[str, Any]
     shared = {"model": "", "element": "", "method": MEASURED, "outcome": MEASURED, "usable": True}
-    shared |= {"otherwise": "", "remarks": (), "loop_remarks": ()}
+    shared |= {"otherwise": "", "vaf": math.nan, "remarks": (), "loop_remarks": ()}
     return [
         {**shared, "run": run, "quantities": own.to_dict("records")}
         for run, own in [(None, whole), *((run, rows.assign(value=v)) for run, v in single)]

@@ -290,8 +290,8 @@ def summary(results: Results) -> Iterator[str]:
             f"{out} of {sum(map(len, shown))} estimates count in no mean, test or figure "
             "(`--keep-all` counts them); the last column of their table says which and why."
         )
-    ends = Counter(results.fits["outcome"])
-    yield f"Fits: {', '.join(f'{count} {outcome}' for outcome, count in ends.items())}."
+    ends = [f"{count} {outcome}" for outcome, count in Counter(results.fits["outcome"]).items()]
+    yield f"Fits: {', '.join(ends) or 'none'}."
     yield from (*alarms(results), *not_compared(results))
 
 
