@@ -94,25 +94,26 @@ def cells_of(
     for part in results.parts:
         strata.setdefault(part.stratum, []).append(part.condition)
     for stratum, there in strata.items():
-        for kind, own in product(KINDS, sets(there)):
-            for models in _models(results, kind, stratum, own):
-                places = [(*stratum, kind, c, models[c]) for c in own]
+        for kind, conditions in product(KINDS, sets(there)):
+            for models in _models(results, kind, stratum, conditions):
+                places = [(*stratum, kind, c, models[c]) for c in conditions]
                 if not {*places} <= {*cells}:
                     continue
                 for _, of in concat(map(cells.get, places)).groupby(QUANTITY, sort=False):
-                    if of[CONDITION].nunique() == len(own):  # not all models have all parameters
+                    # Not all models have all parameters.
+                    if of[CONDITION].nunique() == len(conditions):
                         yield of.iloc[0][[*results.strata, *QUANTITY, "unit"]].to_dict(), models, of
 
 
-def _models(results: Results, kind: str, stratum: Group, own: Group) -> list[Mapping[str, str]]:
+def _models(results: Results, kind: str, stratum: Group, some: Group) -> list[Mapping[str, str]]:
     """The models in which conditions are compared, by condition."""
     if kind == MEASURED:
-        return [dict.fromkeys(own, "")]
+        return [dict.fromkeys(some, "")]
     if not results.settings.auto:
-        return [dict.fromkeys(own, name) for name in results.settings.named]
+        return [dict.fromkeys(some, name) for name in results.settings.named]
     if kind == LOOP:  # crossover and margin mean the same in any model
-        return [{c: results.choices[(*stratum, c)].model for c in own}]
-    models, _ = results.compared[stratum, own]
+        return [{c: results.choices[(*stratum, c)].model for c in some}]
+    models, _ = results.compared[stratum, some]
     return [models] if models else []
 
 
@@ -265,7 +266,7 @@ def effects(results: Results) -> DataFrame:
         if not tests:
             tests, notes = {":".join(names): {}}, f"not tested: {notes}"
         more = {"subjects": len(whole), "notes": notes}
-        rows += [{**head, "effect": effect, **more, **own} for effect, own in tests.items()]
+        rows += [{**head, "effect": effect, **more, **test} for effect, test in tests.items()]
     return DataFrame(rows, columns=[*results.strata, *FACTOR_COLUMNS])
 
 
@@ -292,12 +293,12 @@ def anova(values: FloatArray, names: Sequence[str]) -> dict[str, dict[str, float
     table, tests = values.reshape(count, -1), {}
     for size in range(1, len(names) + 1) if count > 1 else ():
         for some in combinations(range(len(names)), size):
-            own: FloatArray = np.ones((1, 1))
+            projection: FloatArray = np.ones((1, 1))
             for place, level in enumerate(levels):
                 mean = np.full((level, level), 1.0 / level)
                 part = np.eye(level) - mean if place in some else mean
-                own = np.asarray(np.kron(own, part), dtype=float)
-            effect = table @ own
+                projection = np.asarray(np.kron(projection, part), dtype=float)
+            effect = table @ projection
             spread = np.cov(effect, rowvar=False)
             if np.sqrt(np.trace(spread)) <= ROUNDING * np.abs(table).max():
                 continue

@@ -103,7 +103,7 @@ class Part:
     @property
     def stratum(self) -> tuple[str, ...]:
         """All fields but who and under what: contrasts are made within each value of them."""
-        return tuple(own for name, own in self.fields.items() if name not in (SUBJECT, CONDITION))
+        return tuple(v for name, v in self.fields.items() if name not in (SUBJECT, CONDITION))
 
     @property
     def group(self) -> tuple[str, ...]:
@@ -130,8 +130,8 @@ class Part:
 
     def digest(self) -> str:
         """A digest of the files and of the notes beside them."""
-        own = [path for file in map(file_of, self.files) for path in (file, sidecar_path(file))]
-        contents = (path.read_bytes() for path in own if path.is_file())
+        paths = [path for file in map(file_of, self.files) for path in (file, sidecar_path(file))]
+        contents = (path.read_bytes() for path in paths if path.is_file())
         return hashlib.sha256(b"".join(contents)).hexdigest()
 
 
@@ -198,7 +198,7 @@ def excluded_of(parts: Sequence[Part], texts: Sequence[str]) -> tuple[list[Part]
 
 def in_order(values: Iterable[str]) -> list[str]:
     """Distinct values in a natural order: C2 before C10."""
-    padded = {text: re.sub(r"\d+", lambda own: own[0].zfill(20), text) for text in values}
+    padded = {text: re.sub(r"\d+", lambda digits: digits[0].zfill(20), text) for text in values}
     return sorted(padded, key=lambda text: (padded[text], text))
 
 
@@ -242,7 +242,7 @@ def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], D
     places = {
         level: place for place, level in enumerate(dict.fromkeys(levels.to_numpy().T.ravel()))
     }
-    return [*parts], levels.sort_values([*levels], key=lambda own: own.map(places))
+    return [*parts], levels.sort_values([*levels], key=lambda column: column.map(places))
 
 
 def _by_fields(parts: Sequence[Part], names: Sequence[str]) -> tuple[list[Part], DataFrame]:

@@ -112,7 +112,7 @@ def look(
         "remarks": _graded([*remarks(recording), *shared, *chosen.remarks]),
         "fingerprints": [*fingerprints(recording)],
         "candidates": [
-            asdict(own) for own in compare_models(chosen.named_in(recording), tried, how.seed)
+            asdict(model) for model in compare_models(chosen.named_in(recording), tried, how.seed)
         ],
         "estimates": measured(recording),
         "left_out": [],
@@ -128,12 +128,12 @@ def fit(part: Part, model: PilotModel, how: Fitting) -> Content:
     ways = [("", None, recording, methods)]
     if how.per_run:
         ways += [("", run, of_runs(recording, [run], f"run {run}"), methods) for run in runs]
-    for name, reading, some in variants(how, recording.duration) if how.sensitivity else ():
+    for name, reading, able in variants(how, recording.duration) if how.sensitivity else ():
         with suppress(InputError):  # half of the recording may be too short
-            ways.append((name, None, part.recording(reading), some))
+            ways.append((name, None, part.recording(reading), able))
     estimates = []
-    for name, run, own, some in ways:
-        fitted = fit_all(own, model, some, how.seed, chosen_element(own, how.element))
+    for name, run, some, able in ways:
+        fitted = fit_all(some, model, able, how.seed, chosen_element(some, how.element))
         for estimate, loops in zip_longest(fitted.estimates, fitted.loops):
             estimates.append({"otherwise": name, "run": run, **_estimate(estimate, loops)})
     predicted = [
@@ -168,8 +168,8 @@ def _estimate(estimate: Estimate, loops: Loops | None) -> Content:
     for loop in loops.shown if loops else ():
         low, high = loop.crossover.interval
         known = bool(low > 0.0 and not spans_decade(low, high))
-        own = frame_of((loop.crossover, loop.phase_margin, loop.effective_delay))
-        frames.append(own.assign(kind=LOOP, determined=known))
+        of_loop = frame_of((loop.crossover, loop.phase_margin, loop.effective_delay))
+        frames.append(of_loop.assign(kind=LOOP, determined=known))
     rows = concat(frames)
     rows[LEFT_OUT] = rows["determined"].map({True: "", False: "not determined"})
     ends = np.array(model.keys)[is_at_bound(model, estimate.values)]
@@ -208,7 +208,7 @@ def predict_left_out(
         mean square in the errors that both claim, which is 1 where these are right.
     """
     every = range(1, recording.runs + 1)
-    others = of_runs(recording, [own for own in every if own != run], f"without run {run}")
+    others = of_runs(recording, [other for other in every if other != run], f"without run {run}")
     left = of_runs(recording, [run], f"run {run}")
     rows = []
     for label, method in methods.items():
@@ -240,20 +240,20 @@ def _halves(
 
 def _responses(recording: Recording, model: PilotModel) -> list[Content]:
     """Coefficients at the forcing lines, with their errors."""
-    found = None if model.changes else first_step_of(recording, model)
-    if found is None:
+    step = None if model.changes else first_step_of(recording, model)
+    if step is None:
         return []
     names = ("omega", "real", "imag", "std")
     return [
         {"channel": channel.name, **dict(zip(names, row, strict=True))}
-        for channel, values, errors in zip(model.channels, found.value, found.std, strict=True)
-        for row in np.column_stack([found.omega, values.real, values.imag, errors]).tolist()
+        for channel, values, errors in zip(model.channels, step.value, step.std, strict=True)
+        for row in np.column_stack([step.omega, values.real, values.imag, errors]).tolist()
     ]
 
 
-def _graded(told: Iterable[str]) -> list[tuple[str, str, str]]:
+def _graded(sentences: Iterable[str]) -> list[tuple[str, str, str]]:
     """Codes, sentences and grades of remarks, as JSON has them."""
-    return [(r.code, str(r), r.grade) for r in map(remark_of, told)]
+    return [(r.code, str(r), r.grade) for r in map(remark_of, sentences)]
 
 
 # ------------------------------------------------------------------------------ all of them
@@ -318,8 +318,8 @@ def fit_recordings(
 def _task(function: Callable[..., Content], part: Part, *code: object) -> Task:
     """A task with its key; models, methods and the element may be of the user's own code."""
     name = function.__name__
-    told = (own_digest(), part.digest(), part, name, plain(code), code_digest(code))
-    key = hashlib.sha256(repr(told).encode("utf-8", "replace")).hexdigest()
+    content = (own_digest(), part.digest(), part, name, plain(code), code_digest(code))
+    key = hashlib.sha256(repr(content).encode("utf-8", "replace")).hexdigest()
     return Task(key, function, part, packed(code))
 
 

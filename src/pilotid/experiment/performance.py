@@ -36,25 +36,25 @@ def performance(recording: Recording) -> dict[str, tuple[str, FloatArray]]:
     """
     lines = {} if lines_shared(recording) else known_lines(recording)
     every = np.concatenate([*lines.values()]) if lines else np.zeros(0, dtype=int)
-    found: dict[str, tuple[str, FloatArray]] = {}
+    quantities: dict[str, tuple[str, FloatArray]] = {}
     for name in (name for name in ("e", "u", "x") if name in recording.signals):
         unit, signal = recording.units.get(name, ""), getattr(recording, name)
         window = recording.window(signal)
         total = rest = window.var(axis=1)
         square = f"({unit})^2" if "/" in unit else f"{unit}^2" * bool(unit)
-        found[f"var_{name}"] = square, total
-        found[f"rms_{name}"] = unit, np.sqrt(np.mean(window**2, axis=1))
+        quantities[f"var_{name}"] = square, total
+        quantities[f"rms_{name}"] = unit, np.sqrt(np.mean(window**2, axis=1))
         if not lines:
             continue
         for source, forcing in SOURCES.items():
             if forcing in lines:
-                own = _answer(recording, signal, forcing, lines[forcing], every)
-                found[f"var_{name}_{source}"] = square, own
-                rest = rest - own
-        found[f"var_{name}_{REMNANT}"] = square, rest
+                answer = _answer(recording, signal, forcing, lines[forcing], every)
+                quantities[f"var_{name}_{source}"] = square, answer
+                rest = rest - answer
+        quantities[f"var_{name}_{REMNANT}"] = square, rest
         if name == "u":
-            found[SHARE] = "", rest / total
-    return found
+            quantities[SHARE] = "", rest / total
+    return quantities
 
 
 def measured(recording: Recording) -> list[dict[str, Any]]:
@@ -75,8 +75,8 @@ def measured(recording: Recording) -> list[dict[str, Any]]:
     shared = {"model": "", "element": "", "method": MEASURED, "outcome": MEASURED, "usable": True}
     shared |= {"otherwise": "", "vaf": math.nan, "remarks": (), "loop_remarks": ()}
     return [
-        {**shared, "run": run, "quantities": own.to_dict("records")}
-        for run, own in [(None, whole), *((run, rows.assign(value=v)) for run, v in single)]
+        {**shared, "run": run, "quantities": quantities.to_dict("records")}
+        for run, quantities in [(None, whole), *((run, rows.assign(value=v)) for run, v in single)]
     ]
 
 

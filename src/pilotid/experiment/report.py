@@ -145,11 +145,11 @@ def means_tables(results: Results) -> Iterator[Table]:
         who = rows.groupby(place)[SUBJECT if SUBJECT in rows else "file"].nunique()
         conditions = in_order(who.index)
         cells = []
-        for (parameter, unit), own in rows.groupby(["parameter", "unit"], sort=False):
-            out = own[own[LEFT_OUT] != ""]
+        for (parameter, unit), of_quantity in rows.groupby(["parameter", "unit"], sort=False):
+            out = of_quantity[of_quantity[LEFT_OUT] != ""]
             why = [place, *([SUBJECT] if SUBJECT in out else []), LEFT_OUT]
             missing = "; ".join(map(" ".join, out[why].itertuples(index=False)))
-            means = (_cell(own[own[place] == c], int(who[c])) for c in conditions)
+            means = (_cell(of_quantity[of_quantity[place] == c], int(who[c])) for c in conditions)
             cells.append((parameter, unit, *means, missing))
         models = rows.groupby(place)["model"].first()
         if models.nunique() > 1:
@@ -159,11 +159,11 @@ def means_tables(results: Results) -> Iterator[Table]:
         yield table(cells, f"Estimates: {title}", titles, dict.fromkeys(heads, str))
 
 
-def _cell(own: DataFrame, subjects: int) -> str:
+def _cell(rows: DataFrame, subjects: int) -> str:
     """A mean with the standard deviation between subjects, or one value with its error."""
-    known = own[own[LEFT_OUT] == ""]
+    known = rows[rows[LEFT_OUT] == ""]
     if not len(known):
-        return UNDETERMINED if len(own) else NONE
+        return UNDETERMINED if len(rows) else NONE
     if subjects == 1:
         return unsigned(*map(float, known[["value", "std_error"]].iloc[0]))
     deviation = float(known["value"].std(ddof=1))
@@ -225,7 +225,7 @@ def left_out_table(results: Results) -> Table:
 def fit_table(results: Results) -> Table:
     """Every recording, all runs together, with what is said of it and of its fits."""
     fits = results.fits
-    said = ["; ".join(f"[{r.code}] {r}" for r in gravest_first(own)) for own in fits["told"]]
+    said = ["; ".join(f"[{r.code}] {r}" for r in gravest_first(of)) for of in fits["said"]]
     columns = ("recording", "model", "method", "runs", "vaf", "outcome", "remarks")
     caption = "Every recording, all runs together"
     return frame_table(fits.assign(remarks=said), caption, columns, 1)
@@ -249,7 +249,7 @@ def tables_tex(results: Results, made_by: str = "") -> str:
         tables.append(effect_table(results))
     head = f"% Made by: {printable(made_by or 'pilotid.analyse')}\n"
     head += "% Needs \\usepackage{booktabs,longtable}.\n"
-    return head + "".join(f"% {printable(own.caption)}\n{latex(own, symbol)}\n" for own in tables)
+    return head + "".join(f"% {printable(t.caption)}\n{latex(t, symbol)}\n" for t in tables)
 
 
 # ------------------------------------------------------------------------------- sentences
@@ -258,16 +258,16 @@ def tables_tex(results: Results, made_by: str = "") -> str:
 def alarms(results: Results) -> Iterator[str]:
     """How many remarks there are, each once a recording, and the first of each code not a note."""
     rows = results.quantities
-    said = rows.loc[rows["method"] != MEASURED, ["recording", "told"]].explode("told").dropna()
+    said = rows.loc[rows["method"] != MEASURED, ["recording", "said"]].explode("said").dropna()
     said = said.drop_duplicates()
     if len(said):
-        yield f"Warnings: {counted_grades(said['told'])}."
+        yield f"Warnings: {counted_grades(said['said'])}."
     grave: dict[str, list[Remark]] = {}
-    for remark in gravest_first(said["told"]):
+    for remark in gravest_first(said["said"]):
         if remark.grade != "note":
             grave.setdefault(remark.code, []).append(remark)
     for first, *others in grave.values():
-        place = said.loc[said["told"] == first, "recording"].iloc[0]
+        place = said.loc[said["said"] == first, "recording"].iloc[0]
         more = f", and {len(others)} more" if others else ""
         yield f"{first.line(place + more)}."
     if ignored := results.settings.ignored:
@@ -285,7 +285,7 @@ def summary(results: Results) -> Iterator[str]:
             f"quantities: by chance about {LEVEL * quantities:.2g} of {quantities} would)."
         )
     shown = [rows[LEFT_OUT] != "" for _, rows in results.groups()]
-    if out := sum(int(own.sum()) for own in shown):
+    if out := sum(int(missing.sum()) for missing in shown):
         yield (
             f"{out} of {sum(map(len, shown))} estimates count in no mean, test or figure "
             "(`--keep-all` counts them); the last column of their table says which and why."
@@ -359,5 +359,5 @@ def write_report(path: Path, results: Results, command: str) -> None:
         choices=[*choices(results)],
         supplement=[*supplement, *means_tables(results), fit_table(results)],
         command=command,
-        versions=[f"{name} {own}" for name, own in about.items() if name not in ("seed", "code")],
+        versions=[f"{k} {v}" for k, v in about.items() if k not in ("seed", "code")],
     )

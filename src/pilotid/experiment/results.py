@@ -142,7 +142,7 @@ class Results:
         A row for each quantity of each fit: file, the pattern's fields, `QUANTITY_COLUMNS`, the
         controlled element, kind, `LEFT_OUT`, ``otherwise`` (the other way in which it was fitted),
         ``chosen`` (whether the model is that of the recording's own table), the recording in words,
-        its number of runs, the fit's VAF and all `Remark`s on recording and fit (``told``).
+        its number of runs, the fit's VAF and all `Remark`s on recording and fit (``said``).
     models, left_out
         Rows of models.csv and of left_out.csv.
     responses
@@ -202,19 +202,19 @@ def choices_of(
     strata: dict[Group, dict[str, Group]] = {}
     for part, content in looks.items():
         groups.setdefault(part.group, []).append(
-            [Candidate(**own) for own in content["candidates"]]
+            [Candidate(**candidate) for candidate in content["candidates"]]
         )
         if SUBJECT in part.fields and part.condition:
             strata.setdefault(part.stratum, {})[part.condition] = part.group
-    choices = {group: choose_model(own) for group, own in groups.items()}
+    choices = {group: choose_model(candidates) for group, candidates in groups.items()}
     compared = dict[tuple[Group, Group], tuple[Mapping[str, str], bool]]()
     for stratum, conditions in strata.items() if settings.auto else ():
         there = [*conditions]
-        for own in (*settings.condition_pairs(there), *settings.crossed(there)):
-            those = {name: groups[conditions[name]] for name in own}
+        for some in (*settings.condition_pairs(there), *settings.crossed(there)):
+            those = {name: groups[conditions[name]] for name in some}
             models, suits = choose_jointly(those, settings.models)
             # Of many conditions a model that does not suit them all serves no test.
-            compared[stratum, own] = (models if suits or len(own) == 2 else {}, suits)
+            compared[stratum, some] = (models if suits or len(some) == 2 else {}, suits)
     return choices, compared
 
 
@@ -240,7 +240,7 @@ def results_of(
             told = _kept(settings, [*seen["remarks"], *estimate["remarks"]])
             of_loops = _kept(settings, estimate["loop_remarks"])
             chosen = not settings.auto or estimate["model"] in ("", choice)
-            place = {"recording": part.words, "runs": seen["runs"], "told": told, "chosen": chosen}
+            place = {"recording": part.words, "runs": seen["runs"], "said": told, "chosen": chosen}
             for row in estimate["quantities"]:
                 why = _why_left_out(settings, estimate, row, [*told, *of_loops])
                 about = of_loops if row["kind"] == LOOP else _kept(settings, estimate["remarks"])
@@ -275,9 +275,9 @@ def results_of(
     )
 
 
-def _kept(settings: Settings, told: Iterable[Sequence[str]]) -> list[Remark]:
+def _kept(settings: Settings, remarks: Iterable[Sequence[str]]) -> list[Remark]:
     """Remarks from what `Content` has of them, each once, but those that the user ignores."""
-    kept = (Remark(*own) for own in told if own[0] not in settings.ignored)  # type: ignore[arg-type]
+    kept = (Remark(*remark) for remark in remarks if remark[0] not in settings.ignored)  # type: ignore[arg-type]
     return [*dict.fromkeys(kept)]
 
 
