@@ -38,7 +38,7 @@ from pilotid.solve.least_squares import minimise
 from pilotid.spectral.coefficients import Coefficients
 from pilotid.spectral.equations import LinesFit, fit_lines
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.types import BoolArray, FloatArray, InputError
 
 
 @dataclass(frozen=True)
@@ -308,21 +308,17 @@ def _widened(simpler: LinesFit, model: PilotModel) -> FloatArray:
 
 def _left_out_misfits(fit: LinesFit) -> tuple[float, ...]:
     """Chi-squared of each run's lines under what the other runs say; none of one run alone."""
-    coefficients = fit.coefficients
-    runs = len(coefficients.control)
-    found = []
+    runs, misfits = len(fit.coefficients.control), list[float]()
     for run in range(runs) if runs > 1 else ():
-        others = replace(
-            fit,
-            coefficients=_of_runs(coefficients, [r for r in range(runs) if r != run]),
-            power=fit.power * runs / (runs - 1),
-        )
-        alone = replace(fit, coefficients=_of_runs(coefficients, [run]), power=fit.power * runs)
-        found.append(replace(alone, values=others.minimised().values).misfit)
-    return tuple(found)
+        rest = np.arange(runs) != run
+        power = fit.power * runs / (runs - 1)
+        others = replace(fit, coefficients=_of_runs(fit.coefficients, rest), power=power)
+        alone = replace(fit, coefficients=_of_runs(fit.coefficients, ~rest), power=fit.power * runs)
+        misfits.append(replace(alone, values=others.minimised().values).misfit)
+    return tuple(misfits)
 
 
-def _of_runs(coefficients: Coefficients, runs: list[int]) -> Coefficients:
+def _of_runs(coefficients: Coefficients, runs: BoolArray) -> Coefficients:
     """The coefficients of some runs alone."""
     weights = coefficients.weights[runs]
     size = np.sqrt(np.mean(np.abs(weights) ** 2, axis=0))
@@ -493,25 +489,24 @@ def choose_jointly(
         suits = not delayless and all(name in own.close for own in members)
         return not suits, delayless, members[0].parameters[name] if suits else left, left
 
-    found = []
-    for family in dict.fromkeys(_on_error(model) for model in models.values()):
-        taken = {}
+    options = []
+    for family in dict.fromkeys(map(_on_error, models.values())):
+        best = {}
         for inputs, members in groups.items():
             able = [
                 name
                 for name in members[0].names
                 if all(name in own.names and own.determines(name) for own in members)
-                and _inputs(models[name]) == inputs
-                and _on_error(models[name]) == family
+                and (_inputs(models[name]), _on_error(models[name])) == (inputs, family)
             ]
             if able:
-                taken[inputs] = min((rank(name, members), name) for name in able)
-        if len(taken) == len(groups):
-            ranks = tuple(map(sum, zip(*(own for own, _ in taken.values()), strict=True)))
-            found.append((ranks, {inputs: name for inputs, (_, name) in taken.items()}))
-    if not found:
+                best[inputs] = min((rank(name, members), name) for name in able)
+        if len(best) == len(groups):
+            ranks = tuple(map(sum, zip(*(own for own, _ in best.values()), strict=True)))
+            options.append((ranks, {inputs: name for inputs, (_, name) in best.items()}))
+    if not options:
         return {}, False
-    (unsuited, *_), names = min(found, key=lambda own: own[0])
+    (unsuited, *_), names = min(options, key=lambda option: option[0])
     chosen = {c: names[_inputs(models[own.taken])] for c, own in judged.items()}
     return chosen, not unsuited
 
@@ -522,12 +517,8 @@ def _inputs(model: PilotModel) -> frozenset[str]:
 
 def _on_error(model: PilotModel) -> tuple[object, ...]:
     """What acts on the error, whatever its starts are."""
-    return tuple(
-        (type(factor), tuple(p.key for p in factor.parameters))
-        for channel in model.channels
-        if channel.on == "e"
-        for factor in channel.factors
-    )
+    factors = (f for channel in model.channels if channel.on == "e" for f in channel.factors)
+    return tuple((type(f), *(p.key for p in f.parameters)) for f in factors)
 
 
 @dataclass(frozen=True)
