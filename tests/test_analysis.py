@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import sqlite3
+from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
 from io import StringIO
@@ -18,8 +19,9 @@ from helpers import PILOTS, Run
 
 import pilotid
 from pilotid.datasets import simulate
-from pilotid.experiment.files import Pattern, parts_of
-from pilotid.experiment.results import MODEL_COLUMNS
+from pilotid.experiment.files import fields_of, parts_of
+from pilotid.experiment.fits import Answer, Task
+from pilotid.jobs import Loss
 from pilotid.model.loops import margins
 from pilotid.recording.files import save_recording
 from pilotid.support.numbers import recording_rng
@@ -139,8 +141,9 @@ def test_a_second_call_does_nothing_again(small: Path, monkeypatch: pytest.Monke
     out = small / "out"
     before = (out / "estimates.csv").read_bytes()
 
-    def refuse(*_: object, **__: object) -> None:
-        raise AssertionError("work was done again")
+    def refuse(_: object, tasks: list[object], *__: object, **___: object) -> list[object]:
+        assert not tasks
+        return []
 
     monkeypatch.setattr("pilotid.experiment.fits.run_tasks", refuse)
     (out / "estimates.csv").unlink()
@@ -150,9 +153,27 @@ def test_a_second_call_does_nothing_again(small: Path, monkeypatch: pytest.Monke
     assert str(found) in (small / "printed.txt").read_text("utf-8")
     frame = found.to_dataframe()
     assert list(frame["parameter"]) == [row["parameter"] for row in table(out / "estimates.csv")]
-    assert found.to_dataframe("models").shape == (4, 3 + len(MODEL_COLUMNS))
+    assert [*found.to_dataframe("models")] == [*table(out / "models.csv")[0]]
     with pytest.raises(InputError, match="there are estimates, models, loops"):
         found.to_dataframe("figures")
+
+
+def test_lost_fits_are_named_and_what_needs_no_model_stays(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copy(small / "out" / "study.sqlite", tmp_path)
+
+    def lose(
+        _: object, tasks: list[Task], lost: Callable[..., Answer], *__: object, **___: object
+    ) -> list[Answer]:
+        return [lost(task, Loss.DIED, "exit code 3") for task in tasks]
+
+    monkeypatch.setattr("pilotid.experiment.fits.run_tasks", lose)
+    files = small_files(small)
+    found = pilotid.analyse(files, PATTERN, "single", "fourier", out=tmp_path)
+    assert found.refused == [f"{file}: its process died (exit code 3)" for file in files]
+    assert "Fits: none." in found.write().read_text("utf-8")
+    assert {*found.to_dataframe()["method"]} == {"measured"}
 
 
 @pytest.mark.numerical
@@ -203,22 +224,22 @@ def test_a_bad_file_is_named_and_costs_no_other(folder: Path, run: Run, tmp_path
     ],
 )
 def test_patterns(pattern: str, name: str, found: dict[str, str] | None) -> None:
-    assert Pattern(pattern).match(Path(name)) == found
+    assert fields_of(Path(name), pattern) == found
 
 
 def test_files_that_differ_in_the_run_are_one_recording() -> None:
     files = [Path(f"p1_C{c}_run{r}_pitch.csv") for c in (1, 2) for r in (2, 10, 1)]
-    parts, refused = parts_of(files, Pattern("p{subject}_{condition}_run{run}_{axis}"))
+    parts, refused = parts_of(files, "p{subject}_{condition}_run{run}_{axis}")
     assert not refused
     assert [[f.name for f in part.files] for part in parts] == [
         [f"p1_C{c}_run{r}_pitch.csv" for r in (1, 2, 10)] for c in (1, 2)
     ]
-    assert parts[0].fields == (("subject", "1"), ("condition", "C1"), ("axis", "pitch"))
+    assert parts[0].fields == {"subject": "1", "condition": "C1", "axis": "pitch"}
 
 
 def test_files_with_the_same_fields_are_refused() -> None:
     files = [Path("a/s1_A.csv"), Path("b/s1_A.csv"), Path("b/other.csv")]
-    parts, refused = parts_of(files, Pattern(PATTERN))
+    parts, refused = parts_of(files, PATTERN)
     assert len(parts) == 1
     assert len(refused) == 2
     assert "s1_A.csv" in refused[0]

@@ -106,14 +106,12 @@ def test_plots_of_one_estimate_refuse_one_without_values() -> None:
     with pytest.raises(InputError, match="no loop to draw"):
         plots.open_loop(lost, ELEMENT)
     with pytest.raises(InputError, match="no channel of model single acts on x: choose e"):
-        plots.cross_correlation(
-            recording(), estimate(model=SINGLE), signal="x", axes=Figure().subplots()
-        )
+        plots.correlation(recording(), estimate(model=SINGLE), signal="x", axes=Figure().subplots())
 
 
 def test_the_limits_hold_white_errors_and_not_those_of_another_pilot() -> None:
     def outside(found: Estimate) -> float:
-        axes = plots.autocorrelation(recording(), found, axes=Figure().subplots())
+        axes = plots.correlation(recording(), found, axes=Figure().subplots())
         lines = axes.get_lines()
         limit = float(np.max(np.asarray(lines[1].get_ydata(), float)))
         limit = max(limit, float(np.max(np.asarray(lines[2].get_ydata(), float))))

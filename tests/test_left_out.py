@@ -12,8 +12,8 @@ from pandas import DataFrame, concat
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.estimate import Outcome, failed
 from pilotid.estimate.method import identify
-from pilotid.experiment.cross_validation import predict_left_out, ranked
-from pilotid.experiment.files import alone, without
+from pilotid.experiment.fits import predict_left_out
+from pilotid.experiment.report import ranked
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.recording.recording import Recording
 from pilotid.recording.windows import of_runs
@@ -34,13 +34,6 @@ def rows(method: str, likelihoods: list[float], vaf: float = 80.0) -> DataFrame:
     return DataFrame({**known, "vaf": vaf, "log_likelihood": likelihoods})
 
 
-def test_a_run_and_the_others_make_the_recording(recording: Recording) -> None:
-    one, others = alone(recording, 2), without(recording, 2)
-    assert (one.runs, others.runs) == (1, 3)
-    assert np.array_equal(one.u[0], recording.u[1])
-    assert np.array_equal(others.u, recording.u[[0, 2, 3]])
-
-
 @pytest.mark.numerical
 def test_scaled_signals_shift_all_likelihoods_alike(recording: Recording) -> None:
     # 1000 times as large: each prediction error is 1000 times less likely, for all methods.
@@ -50,7 +43,7 @@ def test_scaled_signals_shift_all_likelihoods_alike(recording: Recording) -> Non
     found = [
         [
             replace(failed("given", SINGLE.model, Outcome.CONVERGED), values=v)
-            .score(alone(r, 1), without(r, 1))
+            .score(of_runs(r, [1], ""), of_runs(r, [2, 3, 4], ""))
             .log_score
             for v in values
         ]

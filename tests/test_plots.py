@@ -105,7 +105,7 @@ def test_a_failed_estimate_costs_the_others_nothing() -> None:
 
 
 def test_the_curve_is_the_model_s_response() -> None:
-    above, below = plots.describing_function(estimate(), channel="vestibular", axes=pair())
+    above, below = plots.describing_function(estimate(), axes=(*pair(), *pair()))[2:]
     omega, size = line(above, "mle")
     response = MULTI.response(omega, NOMINAL.values)[1]
     np.testing.assert_allclose(size, np.abs(response))
@@ -176,13 +176,11 @@ def test_points_of_a_failed_fit_are_drawn_and_points_without_a_phase_only_above(
     assert len(below.containers[0][0].get_ydata()) == 0
 
 
-def test_truth_is_drawn_beside_and_an_unknown_channel_is_refused() -> None:
+def test_truth_is_drawn_beside() -> None:
     truth = 1.1 * NOMINAL.values
     above, _ = plots.describing_function(estimate(), truth=truth, axes=pair())
     omega, size = line(above, "truth")
     np.testing.assert_allclose(size, np.abs(MULTI.response(omega, truth)[0]))
-    with pytest.raises(InputError, match="no channel auditory: choose from visual, vestibular"):
-        plots.describing_function(estimate(), channel="auditory", axes=pair())
     with pytest.raises(InputError, match="at least one estimate"):
         plots.describing_function()
 

@@ -28,8 +28,8 @@ from pilotid import (
 )
 from pilotid.cli.main import main
 from pilotid.datasets import SCENARIOS
-from pilotid.experiment.files import alone, without
 from pilotid.recording.files import save_recording
+from pilotid.recording.windows import of_runs
 
 RECORDING = simulate("nominal", 3)
 
@@ -41,7 +41,7 @@ def runs() -> Recording:
 
 @pytest.fixture(scope="module")
 def fitted(runs: Recording) -> Estimate:
-    return identify(without(runs, 2), "single")
+    return identify(of_runs(runs, [1, 3, 4], ""), "single")
 
 
 def response(recording: Recording, estimate: Estimate) -> np.ndarray:
@@ -59,7 +59,7 @@ def response(recording: Recording, estimate: Estimate) -> np.ndarray:
 def test_the_response_to_a_run_never_seen_is_that_of_the_transfer_function(
     runs: Recording, fitted: Estimate
 ) -> None:
-    own = alone(runs, 2)
+    own = of_runs(runs, [2], "")
     frame = fitted.simulate(own)
     assert [*frame] == ["run", "time", "control", "simulated"]
     scored = np.isin(np.round(own.time / own.dt), np.round(frame["time"] / own.dt))
@@ -76,7 +76,7 @@ def test_the_response_to_a_run_never_seen_is_that_of_the_transfer_function(
 def test_the_log_score_is_that_of_the_remnant_known_before(
     runs: Recording, fitted: Estimate
 ) -> None:
-    own = alone(runs, 2)
+    own = of_runs(runs, [2], "")
     frame = fitted.predict(own)
     errors = (frame["control"] - frame["predicted"]).to_numpy()
     std = frame["std"].iloc[0]
@@ -91,14 +91,15 @@ def test_the_log_score_is_that_of_the_remnant_known_before(
     assert std**2 == pytest.approx(variance, rel=1e-3)
     # The true pilot left the same remnant in this run.
     assert errors.std() == pytest.approx(std, rel=0.1)
-    again = fitted.score(own, without(runs, 2))
+    again = fitted.score(own, of_runs(runs, [1, 3, 4], ""))
     assert again.log_score == pytest.approx(by_hand, rel=0.02)
 
 
 @pytest.mark.numerical
 def test_a_wrong_pilot_scores_worse_on_every_run(runs: Recording) -> None:
     for run in range(1, 5):
-        others, own = without(runs, run), alone(runs, run)
+        others = of_runs(runs, [own for own in range(1, 5) if own != run], "")
+        own = of_runs(runs, [run], "")
         estimate = identify(others, "single", "mle-white")
         late = replace(estimate, values=estimate.values * [1, 1, 1.3, 1, 1])
         apart = estimate.score(own, others).log_score - late.score(own, others).log_score

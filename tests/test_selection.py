@@ -10,7 +10,7 @@ import pytest
 from helpers import NOMINAL, Run
 
 from pilotid.datasets import simulate
-from pilotid.experiment.files import Part, Pattern, excluded_of, parts_of
+from pilotid.experiment.files import Part, excluded_of, parts_of
 from pilotid.recording.files import Reading, save_recording
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import NotMultisineError, forcing_lines
@@ -73,7 +73,7 @@ def test_commands_refuse_what_is_not_there(
 
 def parts() -> list[Part]:
     files = [Path(f"s{s}_{c}.csv") for s in (1, 2) for c in ("A", "B")]
-    return parts_of(files, Pattern("s{subject}_{condition}"))[0]
+    return parts_of(files, "s{subject}_{condition}")[0]
 
 
 def test_recordings_are_excluded() -> None:

@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -37,10 +38,7 @@ from pilotid.solve.least_squares import minimise
 from pilotid.spectral.coefficients import Coefficients
 from pilotid.spectral.equations import LinesFit, fit_lines
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
-from pilotid.support.types import FloatArray, InputError
-
-#: What JSON does not have of a candidate.
-NOT_SHOWN = ("remnant", "samples", "no_delay", "determined")
+from pilotid.support.types import BoolArray, FloatArray, InputError
 
 
 @dataclass(frozen=True)
@@ -98,55 +96,37 @@ class Candidate:
     varies: bool = False
 
     @property
-    def excess(self) -> float:
-        """Chi-squared per degree of freedom of the lines."""
-        return self.chi_squared / self.freedom if self.freedom > 0 else math.nan
-
-    @property
     def left_out(self) -> tuple[float, ...]:
         """What each run left out of the fit is not explained by, in units of deviance."""
         if self.freedom > 0:
             return self.left_out_chi_squared
         return tuple(-2.0 * likelihood for likelihood in self.left_out_log_likelihood)
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain objects, as JSON has them; NaN where there is none."""
-        found = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
-        return {k: v for k, v in found.items() if k not in NOT_SHOWN}
-
 
 def default_candidates(recording: Recording) -> list[PilotModel]:
     """The catalogue's models that a recording can tell apart, the simplest first."""
-    found = [model for model in MODELS.values() if not why_untried(recording, model)]
-    return sorted(found, key=lambda model: len(model.parameters))
+    tried = [model for model in MODELS.values() if _is_told_apart(recording, model)]
+    return sorted(tried, key=lambda model: len(model.parameters))
 
 
-def why_untried(recording: Recording, model: PilotModel) -> str:
-    """Why a model is tried only where it is named, in a clause; empty if it is tried."""
+def _is_told_apart(recording: Recording, model: PilotModel) -> bool:
+    """Whether a recording can tell a model from others, so that it is tried without being named.
+
+    Two channels take a target and a disturbance; on target and output they take an error that
+    moves.
+    """
     inputs = [channel.on for channel in model.channels]
-    if model.changes:
-        return "varies in time"
-    if inputs == ["ft"]:
-        return "acts on the target alone"
-    if len(set(inputs)) < len(inputs):
-        return "has two channels on one signal, which lines do not tell apart"
-    if len(inputs) > 1 and (missing := lacking(recording)):
-        names = {"ft": "a target (ft)", "fd": "a disturbance (fd)"}
-        return f"has two channels, which {listed([names[n] for n in missing])} would tell apart"
-    if "e" not in inputs and motionless(recording, "e"):
-        return "acts on target and output, which are one where e does not move"
-    if made_for(recording, model).needs_element:
-        return "needs a controlled element, which is not known"
-    return ""
-
-
-def lacking(recording: Recording) -> list[str]:
-    """The forcing functions, ``ft`` and ``fd``, that a recording lacks."""
-    return [
-        name
-        for name in ("ft", "fd")
-        if getattr(recording, name) is None or motionless(recording, name)
-    ]
+    lacks = any(
+        getattr(recording, name) is None or motionless(recording, name) for name in ("ft", "fd")
+    )
+    return not (
+        model.changes
+        or inputs == ["ft"]
+        or len({*inputs}) < len(inputs)
+        or (len(inputs) > 1 and lacks)
+        or ("e" not in inputs and motionless(recording, "e"))
+        or made_for(recording, model).needs_element
+    )
 
 
 def compare_models(
@@ -326,21 +306,17 @@ def _widened(simpler: LinesFit, model: PilotModel) -> FloatArray:
 
 def _left_out_misfits(fit: LinesFit) -> tuple[float, ...]:
     """Chi-squared of each run's lines under what the other runs say; none of one run alone."""
-    coefficients = fit.coefficients
-    runs = len(coefficients.control)
-    found = []
+    runs, misfits = len(fit.coefficients.control), list[float]()
     for run in range(runs) if runs > 1 else ():
-        others = replace(
-            fit,
-            coefficients=_of_runs(coefficients, [r for r in range(runs) if r != run]),
-            power=fit.power * runs / (runs - 1),
-        )
-        alone = replace(fit, coefficients=_of_runs(coefficients, [run]), power=fit.power * runs)
-        found.append(replace(alone, values=others.minimised().values).misfit)
-    return tuple(found)
+        rest = np.arange(runs) != run
+        power = fit.power * runs / (runs - 1)
+        others = replace(fit, coefficients=_of_runs(fit.coefficients, rest), power=power)
+        alone = replace(fit, coefficients=_of_runs(fit.coefficients, ~rest), power=fit.power * runs)
+        misfits.append(replace(alone, values=others.minimised().values).misfit)
+    return tuple(misfits)
 
 
-def _of_runs(coefficients: Coefficients, runs: list[int]) -> Coefficients:
+def _of_runs(coefficients: Coefficients, runs: BoolArray) -> Coefficients:
     """The coefficients of some runs alone."""
     weights = coefficients.weights[runs]
     size = np.sqrt(np.mean(np.abs(weights) ** 2, axis=0))
@@ -363,7 +339,6 @@ SELDOM = 0.01
 #: So many runs at least can show that.  Where there are fewer, an information criterion judges.
 #: Either way a model with more parameters must be better by so much in deviance.
 RUNS, CLOSE = 8, 4.0
-
 
 #: Share of recordings in which a delay may end at zero with a model that serves for contrasts.
 DELAYLESS = 0.1
@@ -398,34 +373,25 @@ class _Judged:
     """Candidates on the recordings of one condition: what each leaves above the best."""
 
     def __init__(self, recordings: Sequence[Sequence[Candidate]]) -> None:
-        names = [c.model for c in recordings[0]]
-        self.names = [n for n in names if all(n in [c.model for c in own] for own in recordings)]
-        self.files = [{c.model: c for c in candidates} for candidates in recordings]
-        every = [own[name] for own in self.files for name in self.names]
-        self.by_lines = all(c.freedom > 0 for own in self.files for c in own.values())
-        self.credible = self.names if self.by_lines else self._credible()
+        every = [candidate for own in recordings for candidate in own]
+        shared = set.intersection(*({c.model for c in own} for own in recordings))
+        self.names = [c.model for c in recordings[0] if c.model in shared]
+        self.files = [{c.model: c for c in own} for own in recordings]
+        self.parameters = {n: self.files[0][n].pilot_parameters for n in self.names}
+        self.by_lines = all(c.freedom > 0 for c in every)
+        credible = self.names if self.by_lines else self._credible()
         runs = sum(len(own[self.names[0]].left_out) for own in self.files)
-        self.many = runs >= RUNS and all(c.left_out for c in every)
+        self.many = runs >= RUNS and all(c.left_out for c in every if c.model in shared)
         # A constant pilot does not say when it changes: the time of change takes what is largest
         # by chance over all times, and a criterion that counts it as a parameter falls for it.
-        varies = any(c.varies for own in self.files for c in own.values())
+        varies = any(c.varies for c in every)
         self.criterion = "chi_squared" if self.by_lines else "bic" if varies else "aicc"
-        deficits = self._deficits()
-        best = min(self.credible, key=lambda name: (sum(deficits[name]), self.parameters(name)))
-        self.least = {
-            name: [a - b for a, b in zip(own, deficits[best], strict=True)]
-            for name, own in deficits.items()
-        }
-        self.close = [name for name in self.least if name == best or not self._is_worse(name)]
-        self.taken = min(self.close, key=lambda n: (self.parameters(n), self.left(n)))
-
-    def parameters(self, name: str) -> int:
-        """Number of the pilot's parameters."""
-        return self.files[0][name].pilot_parameters
-
-    def left(self, name: str) -> float:
-        """What a model leaves above the best."""
-        return sum(self.least[name]) if name in self.least else math.inf
+        deficits = self._deficits(credible)
+        best = min(credible, key=lambda name: (sum(deficits[name]), self.parameters[name]))
+        self.least = {name: np.subtract(own, deficits[best]) for name, own in deficits.items()}
+        self.left = {name: float(own.sum()) for name, own in self.least.items()}
+        self.close = [name for name in credible if name == best or not self._is_worse(name)]
+        self.taken = min(self.close, key=lambda n: (self.parameters[n], self.left[n]))
 
     def is_pilot(self, name: str) -> bool:
         """Whether a model leaves pilots their delays."""
@@ -437,34 +403,33 @@ class _Judged:
 
     def _credible(self) -> list[str]:
         """Models that explain about as much of the control as the best one."""
-        most = [max(own[name].vaf for name in self.names) for own in self.files]
-        return [
-            name
-            for name in self.names
-            if all(own[name].vaf >= top - LOST for own, top in zip(self.files, most, strict=True))
-        ] or [max(self.names, key=lambda name: sum(own[name].vaf for own in self.files))]
+        vaf = np.array([[own[name].vaf for name in self.names] for own in self.files])
+        near = (vaf >= vaf.max(axis=1, keepdims=True) - LOST).all(axis=0)
+        return [*compress(self.names, near)] or [self.names[int(vaf.sum(axis=0).argmax())]]
 
-    def _deficits(self) -> dict[str, list[float]]:
+    def _deficits(self, names: Sequence[str]) -> dict[str, list[float]]:
         """What models leave unexplained, in units of deviance: by run left out, else by file."""
-        found: dict[str, list[float]] = {name: [] for name in self.credible}
+        deficits: dict[str, list[float]] = {name: [] for name in names}
         for own in self.files:
             # What even the best candidate cannot follow counts as noise.
-            least = min(own[n].excess for n in self.credible)
-            size = max(1.0, least) if self.by_lines else 1.0
-            for name, deficits in found.items():
+            lines, size = self.by_lines, 1.0
+            if lines:
+                size = max(1.0, min(own[n].chi_squared / own[n].freedom for n in names))
+            for name, unexplained in deficits.items():
                 candidate = own[name]
                 if self.many:
-                    deficits += [m / size for m in candidate.left_out]
-                elif self.by_lines:
-                    deficits.append(candidate.chi_squared / size + 2.0 * candidate.pilot_parameters)
+                    unexplained += [m / size for m in candidate.left_out]
+                elif lines:
+                    penalty = 2.0 * candidate.pilot_parameters
+                    unexplained.append(candidate.chi_squared / size + penalty)
                 else:
-                    deficits.append(getattr(candidate, self.criterion))
-        return found
+                    unexplained.append(getattr(candidate, self.criterion))
+        return deficits
 
     def _is_worse(self, name: str) -> bool:
         """Whether a model leaves clearly more unexplained than the best one."""
-        if self.left(name) <= CLOSE or not self.many:
-            return self.left(name) > CLOSE
+        if self.left[name] <= CLOSE or not self.many:
+            return self.left[name] > CLOSE
         from scipy.stats import wilcoxon
 
         return float(wilcoxon(self.least[name], alternative="greater").pvalue) < SELDOM
@@ -475,20 +440,19 @@ class _Judged:
             return ""
         where = "at the lines of the forcing functions" if self.by_lines else "by prediction errors"
         judges = {"chi_squared": "a quasi-likelihood criterion", "aicc": "AICc", "bic": "BIC"}
-        judge = judges[self.criterion]
-        if self.many:
+        judge, what = judges[self.criterion], "deviance with its penalty for parameters"
+        if self.many:  # of runs left out the deviance is comparable without a penalty
             judge = f"{len(self.least[self.taken])} runs, each left out of its fit"
-        names = sorted(self.least, key=self.left)
+            what = "deviance"
+        names = sorted(self.left, key=self.left.__getitem__)
         told = f"{self.taken} was chosen among {listed(names)} {where} ({judge})."
-        # A criterion has a penalty for parameters; of runs left out the deviance is comparable.
-        what = "deviance" if self.many else "deviance with its penalty for parameters"
-        above = {name: self.left(name) - self.left(self.taken) for name in names}
-        sizes = [f"{name} {size:.0f}" for name, size in above.items() if name != self.taken]
-        if sizes:
-            told += f" The others' {what}, less that of {self.taken}: {', '.join(sizes)}."
-        if len(names) < len(self.names):
-            lost = listed([name for name in self.names if name not in names])
-            told += f" Not credible, with a VAF more than {LOST:g} points below the best: {lost}."
+        above = [(n, self.left[n] - self.left[self.taken]) for n in names if n != self.taken]
+        if above:
+            sizes = ", ".join(f"{name} {size:.0f}" for name, size in above)
+            told += f" The others' {what}, less that of {self.taken}: {sizes}."
+        if lost := [name for name in self.names if name not in names]:
+            told += f" Not credible, with a VAF more than {LOST:g} points below the best: "
+            told += f"{listed(lost)}."
         return told
 
 
@@ -518,31 +482,29 @@ def choose_jointly(
 
     def rank(name: str, members: Sequence[_Judged]) -> tuple[bool, bool, float, float]:
         """Whether a model does not suit, and is no pilot; parameters, or misfit; misfit."""
-        left = sum(own.left(name) for own in members)
+        left = sum(own.left.get(name, math.inf) for own in members)
         delayless = not all(own.is_pilot(name) for own in members)
-        if delayless or not all(name in own.close for own in members):
-            return True, delayless, left, left
-        return False, False, members[0].parameters(name), left
+        suits = not delayless and all(name in own.close for own in members)
+        return not suits, delayless, members[0].parameters[name] if suits else left, left
 
-    found = []
-    for family in dict.fromkeys(_on_error(model) for model in models.values()):
-        taken = {}
+    options = []
+    for family in dict.fromkeys(map(_on_error, models.values())):
+        best = {}
         for inputs, members in groups.items():
             able = [
                 name
                 for name in members[0].names
                 if all(name in own.names and own.determines(name) for own in members)
-                and _inputs(models[name]) == inputs
-                and _on_error(models[name]) == family
+                and (_inputs(models[name]), _on_error(models[name])) == (inputs, family)
             ]
             if able:
-                taken[inputs] = min((rank(name, members), name) for name in able)
-        if len(taken) == len(groups):
-            ranks = tuple(map(sum, zip(*(own for own, _ in taken.values()), strict=True)))
-            found.append((ranks, {inputs: name for inputs, (_, name) in taken.items()}))
-    if not found:
+                best[inputs] = min((rank(name, members), name) for name in able)
+        if len(best) == len(groups):
+            ranks = tuple(map(sum, zip(*(own for own, _ in best.values()), strict=True)))
+            options.append((ranks, {inputs: name for inputs, (_, name) in best.items()}))
+    if not options:
         return {}, False
-    (unsuited, *_), names = min(found, key=lambda own: own[0])
+    (unsuited, *_), names = min(options, key=lambda option: option[0])
     chosen = {c: names[_inputs(models[own.taken])] for c, own in judged.items()}
     return chosen, not unsuited
 
@@ -553,12 +515,8 @@ def _inputs(model: PilotModel) -> frozenset[str]:
 
 def _on_error(model: PilotModel) -> tuple[object, ...]:
     """What acts on the error, whatever its starts are."""
-    return tuple(
-        (type(factor), tuple(p.key for p in factor.parameters))
-        for channel in model.channels
-        if channel.on == "e"
-        for factor in channel.factors
-    )
+    factors = (f for channel in model.channels if channel.on == "e" for f in channel.factors)
+    return tuple((type(f), *(p.key for p in f.parameters)) for f in factors)
 
 
 @dataclass(frozen=True)
@@ -606,15 +564,8 @@ def select(
         return Selection(first, "No model has all its inputs in the recording.", ())
     candidates = compare_models(recording, list(among.values()), seed)
     choice = choose_model([candidates])
-    told = choice.reason if models else f"{choice.reason} {_untried(recording)}".strip()
-    return Selection(among[choice.model], told, tuple(candidates))
-
-
-def _untried(recording: Recording) -> str:
-    """Which models of the catalogue were not tried, and why, in a sentence."""
-    reasons: dict[str, list[str]] = {}
-    for model in MODELS.values():
-        if why := why_untried(recording, model):
-            reasons.setdefault(why, []).append(model.name)
-    told = "; ".join(f"{listed(names)} ({why})" for why, names in reasons.items())
-    return f"Not tried: {told}."
+    told = choice.reason
+    if not models:
+        tried = {candidate.model for candidate in candidates}
+        told += f" Not tried: {listed([name for name in MODELS if name not in tried])}."
+    return Selection(among[choice.model], told.strip(), tuple(candidates))

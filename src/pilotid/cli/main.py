@@ -11,7 +11,7 @@ import time
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -230,7 +230,7 @@ def _fitted(
     found = select(choice.named_in(recording), named, seed, fix)
     models = named or [found.model]
     first, *rest = [fit_all(recording, model, methods, seed, choice) for model in models]
-    compared = tuple(candidate.to_dict() for candidate in found.candidates)
+    compared = tuple(map(asdict, found.candidates))
     return [replace(first, choice=found.reason, compared=compared), *rest]
 
 

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pilotid.experiment.files import CONDITION, SUBJECT, in_order
 from pilotid.experiment.results import KINDS, LEFT_OUT, LOOP, MEASURED, PARAMETER, Group, Results
-from pilotid.experiment.statistics import anova, holm, paired, subjects_needed
 from pilotid.support.numbers import LEVEL
-from pilotid.support.types import InputError
+from pilotid.support.types import FloatArray, InputError
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    from pandas import DataFrame, Series
 
 CONTRAST_COLUMNS = (
     *("condition_a", "condition_b", "model_a", "model_b", "method", "parameter", "unit"),
@@ -30,8 +30,9 @@ FACTOR_COLUMNS = (
 )
 #: A difference of this share is to be found this often by as many subjects as are needed.
 SHARE, POWER = 0.15, 0.8
-#: Cells by stratum, kind, condition and model.
-Cells = Mapping[tuple[str, ...], "DataFrame"]
+#: Differences are equal if they scatter by no more than the rounding of what they are made of.
+ROUNDING = 1e-12
+QUANTITY = ["method", "parameter"]
 
 
 def compared(results: Results) -> Results:
@@ -42,58 +43,100 @@ def compared(results: Results) -> Results:
     InputError
         If a pair is not of two conditions that there are.
     """
-    conditions = {part.field(CONDITION) for part in results.parts}
+    there = in_order([part.condition for part in results.parts if part.condition])
     for a, b in results.settings.pairs:
-        if a == b or not {a, b} <= conditions:
+        if a == b or not {a, b} <= {*there}:
             raise InputError(
                 f"--contrast {a}:{b}: must be two conditions of {{condition}} in the pattern, of "
-                f"which there are {', '.join(in_order([*conditions])) or 'none'}"
+                f"which there are {', '.join(there) or 'none'}"
             )
     if not {SUBJECT, CONDITION} <= {*results.fields}:
         return results
-    cells = cells_of(results)
-    return replace(results, contrasts=contrasts(results, cells), factors=effects(results, cells))
+    return replace(results, contrasts=contrasts(results), factors=effects(results))
 
 
-def cells_of(results: Results) -> Cells:
-    """The value of each subject in each condition: the mean over recordings if there are more."""
-    found = results.quantities
-    found = found[found["run"].isna() & (found["otherwise"] == "")]
-    found = found[~found["parameter"].str.startswith("rms_")]
-    found = found.assign(value=found["value"].where(found[LEFT_OUT] == ""))
+#: A quantity of some conditions: where, in which models by condition, and its `cells_of`.
+Quantity = tuple[dict[str, Any], Mapping[str, str], "DataFrame"]
+
+
+def cells_of(
+    results: Results, sets: Callable[[Sequence[str]], Sequence[Group]]
+) -> Iterator[Quantity]:
+    """Each quantity of sets of conditions that are compared, with the value of each subject.
+
+    Parameters
+    ----------
+    results
+        The results.
+    sets
+        Gives what is compared of the conditions of a stratum.
+
+    Yields
+    ------
+    The stratum's fields, method, parameter and unit; the model by condition; and a row for each
+    subject and condition with ``value``, the mean over recordings if there are more, NaN where
+    none counts, and why it does not.
+    """
+    from pandas import concat
+
+    rows = results.quantities
+    rows = rows[rows["run"].isna() & (rows["otherwise"] == "")]
+    rows = rows[~rows["parameter"].str.startswith("rms_")]
+    rows = rows.assign(value=rows["value"].where(rows[LEFT_OUT] == ""))
     place = [*results.strata, "kind", CONDITION, "model"]
     means = (
-        found.groupby([*place, SUBJECT, "method", "parameter"], sort=False)
+        rows.groupby([*place, SUBJECT, *QUANTITY], sort=False)
         .agg(unit=("unit", "first"), value=("value", "mean"), left_out=(LEFT_OUT, "max"))
         .reset_index()
     )
-    return dict(iter(means.groupby(place, sort=False)))
+    cells = dict(iter(means.groupby(place, sort=False)))
+    strata = dict[Group, list[str]]()
+    for part in results.parts:
+        strata.setdefault(part.stratum, []).append(part.condition)
+    for stratum, there in strata.items():
+        for kind, conditions in product(KINDS, sets(there)):
+            for models in _models(results, kind, stratum, conditions):
+                places = [(*stratum, kind, c, models[c]) for c in conditions]
+                if not {*places} <= {*cells}:
+                    continue
+                for _, of in concat(map(cells.get, places)).groupby(QUANTITY, sort=False):
+                    # Not all models have all parameters.
+                    if of[CONDITION].nunique() == len(conditions):
+                        yield of.iloc[0][[*results.strata, *QUANTITY, "unit"]].to_dict(), models, of
 
 
-def _models(results: Results, kind: str, stratum: Group, own: Group) -> list[Mapping[str, str]]:
+def _models(results: Results, kind: str, stratum: Group, some: Group) -> list[Mapping[str, str]]:
     """The models in which conditions are compared, by condition."""
     if kind == MEASURED:
-        return [dict.fromkeys(own, "")]
+        return [dict.fromkeys(some, "")]
     if not results.settings.auto:
-        return [dict.fromkeys(own, name) for name in results.settings.models]
+        return [dict.fromkeys(some, name) for name in results.settings.named]
     if kind == LOOP:  # crossover and margin mean the same in any model
-        return [{c: results.choices[(*stratum, c)].model for c in own}]
-    models, _ = results.compared[stratum, own]
+        return [{c: results.choices[(*stratum, c)].model for c in some}]
+    models, _ = results.compared[stratum, some]
     return [models] if models else []
 
 
-def _strata(results: Results) -> dict[Group, list[str]]:
-    """The conditions of each stratum."""
-    found: dict[Group, list[str]] = {}
-    for part in results.parts:
-        found.setdefault(part.stratum, []).append(part.field(CONDITION))
-    return {stratum: in_order(own) for stratum, own in found.items()}
+def _subjects(of: DataFrame, conditions: Sequence[str]) -> tuple[DataFrame, str]:
+    """Values of the subjects (rows) that count in all conditions (columns); who does not, why."""
+    table = of.pivot(index=SUBJECT, columns=CONDITION, values=["value", LEFT_OUT])
+    table, parameter = table.loc[in_order(table.index)], of["parameter"].iloc[0]
+    whole = table["value"][[*conditions]].astype(float).dropna()
+    if len(whole) == len(table):
+        return whole, ""
+    reasons = table[LEFT_OUT][[*conditions]].drop(index=whole.index).stack(future_stack=True)
+    out = [
+        f"subject {subject}, {f'{parameter} {why}' if isinstance(why, str) else 'no recording'}"
+        f" in {condition}"
+        for (subject, condition), why in reasons[reasons != ""].items()
+    ]
+    return whole, f"n = {len(whole)} of {len(table)}: {'; '.join(out)}"
 
 
 # ------------------------------------------------------------------------------- contrasts
 
 
-def contrasts(results: Results, cells: Cells) -> DataFrame:
+def contrasts(results: Results) -> DataFrame:
     """The differences by quantity, with Holm's p for the pairs, and the interval of the same level.
 
     A disturbance loop that is the target loop, as without motion, is left out.
@@ -101,13 +144,22 @@ def contrasts(results: Results, cells: Cells) -> DataFrame:
     from pandas import DataFrame
     from scipy.special import stdtrit
 
-    strata, auto = results.strata, results.settings.auto
-    columns = [*strata, *CONTRAST_COLUMNS]
-    frame = DataFrame([*_differences(results, cells)], columns=columns)
-    ends = frame[[*strata, *CONTRAST_COLUMNS[:6], "mean_a", "mean_b"]].round(9)
+    names, rows = results.strata, list[dict[str, Any]]()
+    for head, models, of in cells_of(results, results.settings.condition_pairs):
+        whole, notes = _subjects(of, [*models])
+        a, b = models
+        head |= {"condition_a": a, "condition_b": b, "model_a": models[a], "model_b": models[b]}
+        units = [*dict.fromkeys(of["unit"])]
+        numbers = paired(whole[a], whole[b]) if len(units) == 1 else {"subjects": len(whole)}
+        if "t" not in numbers:
+            none = "no test: it takes two subjects, one unit, and differences that scatter"
+            notes = " | ".join(filter(None, [notes, none]))
+        rows.append(head | numbers | {"unit": ", ".join(units), "notes": notes})
+    frame = DataFrame(rows, columns=[*names, *CONTRAST_COLUMNS])
+    ends = frame[[*names, *CONTRAST_COLUMNS[:6], "mean_a", "mean_b"]].round(9)
     loops = ends["parameter"].str.replace("^(target|disturbance)_", "", regex=True)
     frame = frame[~ends.assign(parameter=loops).duplicated()]
-    quantity = [*strata, "method", "parameter", *([] if auto else ["model_a"])]
+    quantity = [*names, *QUANTITY, *([] if results.settings.auto else ["model_a"])]
     order = frame.groupby(quantity, sort=False).ngroup()
     frame = frame.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
     p_holm = frame.groupby(quantity, sort=False)["p"].transform(holm)
@@ -117,47 +169,52 @@ def contrasts(results: Results, cells: Cells) -> DataFrame:
     return frame.assign(p_holm=p_holm, lower_holm_95=low, upper_holm_95=high)
 
 
-def _differences(results: Results, cells: Cells) -> Iterator[dict[str, Any]]:
-    """A row for each quantity that both conditions of a pair have."""
-    for stratum, conditions in _strata(results).items():
-        for kind, pair in product(KINDS, results.settings.condition_pairs(conditions)):
-            for models in _models(results, kind, stratum, pair):
-                places = [(*stratum, kind, c, models[c]) for c in pair]
-                if not {*places} <= {*cells}:
-                    continue
-                a, b = (cells[place].set_index(["method", "parameter"]) for place in places)
-                for key in a.index.drop_duplicates():
-                    if key in b.index:
-                        own = (*stratum, *pair, *(models[c] for c in pair), *key)
-                        named = dict(zip((*results.strata, *CONTRAST_COLUMNS), own, strict=False))
-                        yield named | _contrast(named, a.loc[[key]], b.loc[[key]])
+def paired(a: Series, b: Series) -> dict[str, Any]:
+    """The paired t-test of b - a, its robust counterpart and its effect size.
+
+    Parameters
+    ----------
+    a, b
+        Values by subject.
+
+    Returns
+    -------
+    dict
+        Columns of contrasts.csv; those of tests are missing where there is none.
+        ``robust_difference`` is the Hodges-Lehmann mean, ``effect_size`` Cohen's d_z with Hedges'
+        (1981) correction.
+    """
+    from scipy.stats import ttest_rel, wilcoxon
+
+    apart, count = b - a, len(a)
+    numbers = {"subjects": count, "mean_a": a.mean(), "mean_b": b.mean()}
+    numbers |= {"difference": apart.mean(), "std_error": apart.sem()}
+    if count < 2 or apart.std() <= ROUNDING * max(a.abs().max(), b.abs().max()):
+        return numbers
+    first, second = np.triu_indices(count)
+    test, half, hedges = ttest_rel(b, a), 0.5 * (count - 1), math.nan
+    if count > 2:
+        hedges = math.exp(math.lgamma(half) - math.lgamma(half - 0.5) - 0.5 * math.log(half))
+    lower, upper = test.confidence_interval()
+    return numbers | {
+        "t": test.statistic,
+        "freedom": test.df,
+        "p": test.pvalue,
+        "lower_95": lower,
+        "upper_95": upper,
+        "effect_size": apart.mean() / apart.std() * hedges,
+        "robust_difference": np.median(0.5 * (apart.to_numpy()[first] + apart.to_numpy()[second])),
+        "wilcoxon_p": wilcoxon(apart).pvalue,
+    }
 
 
-def _contrast(named: Mapping[str, str], one: DataFrame, two: DataFrame) -> dict[str, Any]:
-    """One difference, with the subjects that count and why others do not."""
-    both = one.merge(two, "outer", SUBJECT, suffixes=("_a", "_b")).set_index(SUBJECT)
-    both = both.loc[in_order([*both.index])]
-    whole = both[["value_a", "value_b"]].dropna()
-    units = dict.fromkeys([*one["unit"], *two["unit"]])
-    notes, out = [], []
-    for subject, row in both.drop(index=whole.index).iterrows():
-        for side in "ab":
-            condition, why = named[f"condition_{side}"], row[f"{LEFT_OUT}_{side}"]
-            if isinstance(why, float):  # the subject has no such cell
-                out.append(f"subject {subject}, no recording in {condition}")
-            elif why:
-                out.append(f"subject {subject}, {named['parameter']} {why} in {condition}")
-    if out:
-        notes.append(f"n = {len(whole)} of {len(both)}: {'; '.join(dict.fromkeys(out))}")
-    numbers = paired(whole["value_a"].to_numpy(), whole["value_b"].to_numpy())
-    if len(units) > 1:
-        numbers = {"subjects": len(whole)}
-        notes.append(f"the units differ ({', '.join(units)}): no test")
-    elif len(whole) < 2:
-        notes.append("a test takes two subjects")
-    elif "t" not in numbers:
-        notes.append("all subjects have the same difference: no test")
-    return {**numbers, "unit": ", ".join(units), "notes": " | ".join(notes)}
+def holm(p: FloatArray) -> FloatArray:
+    """Holm's (1979) correction of p-values for their number; NaN are no tests and do not count."""
+    corrected = np.array(p, dtype=float)
+    order = np.argsort(corrected)[: np.count_nonzero(np.isfinite(corrected))]  # NaN come last
+    times = np.arange(len(order), 0, -1)
+    corrected[order] = np.minimum(np.maximum.accumulate(times * corrected[order]), 1.0)
+    return corrected
 
 
 def planned(results: Results) -> DataFrame:
@@ -166,67 +223,95 @@ def planned(results: Results) -> DataFrame:
     Columns: the stratum's fields, method, parameter, ``spread`` (standard deviation of the paired
     differences over the mean, root mean square over the pairs), ``subjects`` (NaN: over 1000).
     """
-    found = results.contrasts
-    known = found[found["t"].notna()]
+    known = results.contrasts[results.contrasts["t"].notna()]
     size = 0.5 * (known["mean_a"] + known["mean_b"])
     known = known.assign(spread=known["subjects"] * (known["std_error"] / size) ** 2)
-    keys = [*results.strata, "method", "parameter"]
+    keys = [*results.strata, *QUANTITY]
     spread = known.groupby(keys, sort=False)["spread"].mean().pow(0.5).reset_index()
-    return spread.assign(subjects=[subjects_needed(SHARE / s, POWER) for s in spread["spread"]])
+    return spread.assign(subjects=[subjects_needed(SHARE / s) for s in spread["spread"]])
+
+
+def subjects_needed(effect: float) -> int | None:
+    """The fewest subjects with whom a paired t-test at 5 % finds a difference as often as `POWER`.
+
+    None for over 1000.
+
+    Parameters
+    ----------
+    effect
+        The difference over the standard deviation of the subjects' differences.
+    """
+    from scipy.stats import nct, t
+
+    counts = np.arange(2, 1001)
+    limit, shift = t.isf(0.025, counts - 1), effect * np.sqrt(counts)
+    often = nct.sf(limit, counts - 1, shift) + nct.cdf(-limit, counts - 1, shift)
+    enough = np.flatnonzero(often >= POWER)
+    return int(counts[enough[0]]) if enough.size else None
 
 
 # --------------------------------------------------------------------------------- factors
 
 
-def effects(results: Results, cells: Cells) -> DataFrame:
+def effects(results: Results) -> DataFrame:
     """Effects of the factors on each quantity, of parameters in models that suit all conditions."""
     from pandas import DataFrame
 
-    columns = [*results.strata, *FACTOR_COLUMNS]
-    return DataFrame([*_effects(results, cells, columns)], columns=columns)
+    factors, rows = results.settings.factors, list[dict[str, Any]]()
+    names, shape = ([], []) if factors is None else ([*factors], [*factors.nunique()])
+    for head, models, of in cells_of(results, results.settings.crossed):
+        whole, notes = _subjects(of, [*models])
+        values = whole.to_numpy().reshape(-1, *shape)
+        tests = anova(values, names) if 2 * len(whole) > of[SUBJECT].nunique() else {}
+        if not tests:
+            tests, notes = {":".join(names): {}}, f"not tested: {notes}"
+        more = {"subjects": len(whole), "notes": notes}
+        rows += [{**head, "effect": effect, **more, **test} for effect, test in tests.items()]
+    return DataFrame(rows, columns=[*results.strata, *FACTOR_COLUMNS])
 
 
-def _effects(results: Results, cells: Cells, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
-    from pandas import concat
+def anova(values: FloatArray, names: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Repeated-measures analysis of variance of a full crossing of factors within subjects.
 
-    factors = results.settings.factors
-    if factors is None:
-        return
-    levels = [[*dict.fromkeys(factors[name])] for name in factors]
-    by_cell = dict(zip(factors.itertuples(index=False, name=None), factors.index, strict=True))
-    conditions = [by_cell[cell] for cell in product(*levels)]
-    shape = [len(own) for own in levels]
-    for stratum, there in _strata(results).items():
-        for kind in KINDS if {*conditions} <= {*there} else ():
-            for models in _models(results, kind, stratum, tuple(factors.index)):
-                places = [(*stratum, kind, c, models[c]) for c in conditions]
-                if not {*places} <= {*cells}:
-                    continue
-                whole = concat([cells[place] for place in places])
-                for key, own in whole.groupby(["method", "parameter"], sort=False):
-                    head = dict(
-                        zip((*results.strata, *FACTOR_COLUMNS), (*stratum, *key), strict=False)
-                    )
-                    for tested in _tested(own, conditions, shape, [*factors]):
-                        yield head | {"unit": own["unit"].iloc[0], **tested}
+    Parameters
+    ----------
+    values
+        Shape (subjects, levels of the first factor, levels of the second, ...).
+    names
+        The factors.
 
+    Returns
+    -------
+    dict
+        By effect, such as ``motion:dynamics``: F, its degrees of freedom and p, epsilon and p
+        after Greenhouse and Geisser (1959), partial eta squared.  Effects that do not scatter are
+        missing.
+    """
+    from scipy.special import fdtrc
 
-def _tested(
-    cells: DataFrame, conditions: Sequence[str], shape: Sequence[int], names: Sequence[str]
-) -> Iterator[dict[str, Any]]:
-    """A row for each effect on one quantity, or one that says why there is no test."""
-    if {*cells[CONDITION]} < {*conditions}:
-        return  # a parameter that some models do not have
-    table = cells.pivot(index=SUBJECT, columns=CONDITION, values="value")[[*conditions]]
-    whole = table.dropna()
-    missing = table.isna()
-    out = [f"subject {s}, {missing.columns[row][0]}" for s, row in missing.iterrows() if row.any()]
-    notes = f"n = {len(whole)} of {len(table)}: not determined in {'; '.join(out)}" if out else ""
-    found = anova(whole.to_numpy().reshape(-1, *shape), names) if 2 * len(out) < len(table) else {}
-    if not found:
-        yield {"effect": ":".join(names), "subjects": len(whole), "notes": f"not tested: {notes}"}
-    for effect, numbers in found.items():
-        yield {"effect": effect, "subjects": len(whole), **numbers, "notes": notes}
+    count, *levels = values.shape
+    table, tests = values.reshape(count, -1), {}
+    for size in range(1, len(names) + 1) if count > 1 else ():
+        for some in combinations(range(len(names)), size):
+            projection: FloatArray = np.ones((1, 1))
+            for place, level in enumerate(levels):
+                mean = np.full((level, level), 1.0 / level)
+                part = np.eye(level) - mean if place in some else mean
+                projection = np.asarray(np.kron(projection, part), dtype=float)
+            effect = table @ projection
+            spread = np.cov(effect, rowvar=False)
+            if np.sqrt(np.trace(spread)) <= ROUNDING * np.abs(table).max():
+                continue
+            df1 = float(np.prod([levels[place] - 1 for place in some]))
+            df2 = df1 * (count - 1)
+            f = count * float(np.sum(effect.mean(axis=0) ** 2)) / float(np.trace(spread))
+            epsilon = float(np.trace(spread) ** 2 / (df1 * np.sum(spread**2)))
+            tests[":".join(names[place] for place in some)] = {
+                "F": f, "df1": df1, "df2": df2, "p": float(fdtrc(df1, df2, f)), "epsilon": epsilon,
+                "p_corrected": float(fdtrc(epsilon * df1, epsilon * df2, f)),
+                "eta_squared": f * df1 / (f * df1 + df2),
+            }  # fmt: skip
+    return tests
 
 
 def not_compared(results: Results) -> Iterator[str]:
@@ -250,11 +335,11 @@ def not_compared(results: Results) -> Iterator[str]:
 
 def sensitivity(results: Results) -> DataFrame:
     """Mean shifts of parameters that count, in claimed errors, by other ways to fit."""
-    found = results.quantities
-    found = found[(found["kind"] == PARAMETER) & (found[LEFT_OUT] == "") & found["run"].isna()]
-    is_other = found["otherwise"] != ""
-    names = ["file", "model", "method", "parameter"]
-    both = found[is_other].merge(found.loc[~is_other, [*names, "value", "std_error"]], on=names)
+    rows = results.quantities
+    rows = rows[(rows["kind"] == PARAMETER) & (rows[LEFT_OUT] == "") & rows["run"].isna()]
+    is_other = rows["otherwise"] != ""
+    names = ["file", "model", *QUANTITY]
+    both = rows[is_other].merge(rows.loc[~is_other, [*names, "value", "std_error"]], on=names)
     both["shift"] = (both["value_x"] - both["value_y"]) / both["std_error_y"]
     keys = [n for n in (*results.strata, CONDITION, "otherwise", "method") if n in both]
     return both.pivot_table("shift", keys, "parameter", sort=False).reset_index()

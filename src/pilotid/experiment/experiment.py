@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from pilotid.estimate.method import Method
 from pilotid.experiment.comparisons import compared
-from pilotid.experiment.files import Pattern, excluded_of, parts_of, with_factors
+from pilotid.experiment.files import QUANTITY_COLUMNS, excluded_of, parts_of, with_factors
 from pilotid.experiment.fits import fit_recordings
 from pilotid.experiment.report import blocks, tables_tex, write_report
-from pilotid.experiment.results import LOOP, QUANTITY_COLUMNS, Results, Settings
+from pilotid.experiment.results import LOOP, Fitting, Results, Settings
 from pilotid.methods import label_of, method_named
 from pilotid.model.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.model.element import ControlledElement, as_element
@@ -31,44 +31,44 @@ if TYPE_CHECKING:
 TABLES = ("estimates", "models", "loops", "contrasts", "factors", "left_out")
 TEX, PAGE = "tables.tex", "report.html"
 
-T = TypeVar("T")
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Experiment:
-    """An analysis of recordings of subjects under conditions.
+class Experiment(Results):
+    """An analysis of recordings of subjects under conditions: all frames that follow from it.
 
     Attributes
     ----------
-    results
-        Estimates, contrasts and all that follows from the fits.
+    contrasts, factors, models, left_out
+        The tables of these names, see `to_dataframe`.
+    quantities
+        A row for each quantity of each fit.
+    responses
+        Coefficients at the forcing lines of the recordings that count.
+    settings, parts, choices, compared
+        What was asked for; the recordings; the model of each group of recordings, and those in
+        which conditions are compared.
+    refused
+        A sentence for each file or fit that there is not.
     folder
         Where its store is.
     """
 
-    results: Results
     folder: Path
-
-    @property
-    def refused(self) -> Sequence[str]:
-        """A sentence for each file that was left out."""
-        return self.results.refused
 
     def to_dataframe(self, table: str = "estimates") -> DataFrame:
         """A table, such as ``contrasts``, with the columns of its CSV file."""
-        name = table.removesuffix(".csv")
-        if name not in TABLES:
+        if table not in TABLES:
             raise InputError(f"{table}: is no table of an analysis; there are {', '.join(TABLES)}")
-        if name not in ("estimates", "loops"):
-            found: DataFrame = getattr(self.results, name)
-            return found
-        rows = self.results.quantities
-        rows = rows[(rows["otherwise"] == "") & ((rows["kind"] == LOOP) == (name == "loops"))]
-        head = ["file", *self.results.fields, *QUANTITY_COLUMNS[:3]]
-        if name == "estimates":
-            return rows[[*head, *QUANTITY_COLUMNS[3:]]].reset_index(drop=True)
-        rows = rows[[*head, "element", *QUANTITY_COLUMNS[3:]]].reset_index(drop=True)
-        return rows.rename(columns={"parameter": "quantity"})
+        if table not in ("estimates", "loops"):
+            frame: DataFrame = getattr(self, table)
+            return frame
+        rows = self.quantities
+        rows = rows[(rows["otherwise"] == "") & ((rows["kind"] == LOOP) == (table == "loops"))]
+        columns = ["file", *self.fields, *QUANTITY_COLUMNS]
+        if table == "loops":
+            columns.insert(columns.index("parameter"), "element")
+        renamed = {"parameter": "quantity"} if table == "loops" else {}
+        return rows[columns].rename(columns=renamed).reset_index(drop=True)
 
     def write(self, command: str = "") -> Path:
         """Write all tables, figures and the page to the folder, and return the page's path.
@@ -82,14 +82,14 @@ class Experiment:
             frame = self.to_dataframe(name)
             if len(frame) or name in TABLES[:4]:
                 write_file(self.folder / f"{name}.csv", frame_bytes(frame))
-        text = tables_tex(self.results, command)
+        text = tables_tex(self, command)
         write_file(self.folder / TEX, text.encode("utf-8", "replace"))
-        write_report(self.folder / PAGE, self.results, command)
+        write_report(self.folder / PAGE, self, command)
         return self.folder / PAGE
 
     def blocks(self, page: Path | None = None) -> list[str | Table]:
         """What the terminal shows, with the place of the page where there is one."""
-        return [*blocks(self.results), *([f"report: {page}"] if page else [])]
+        return [*blocks(self), *([f"report: {page}"] if page else [])]
 
     def __repr__(self) -> str:
         return as_text(*self.blocks())
@@ -170,45 +170,47 @@ def analyse(
         If no file can be used, or an option does not fit them.
     """
     models, methods = _several(models), _several(methods)
-    named = [model_named(m) if isinstance(m, str) else m for m in models if m != AUTO]
-    auto = len(named) < len(models)
-    with_held([*named, *(MODELS.values() if auto else ())], fix)  # refused at once
+    given = [model_named(m) if isinstance(m, str) else m for m in models if m != AUTO]
+    named = {model.name: model for model in given}
+    auto, reading, folder = AUTO in models, reading or Reading(), Path(out)
     known = [method_named(m) if isinstance(m, str) else m for m in methods]
-    reading, folder = reading or Reading(), Path(out)
+    among = {**MODELS, **named} if auto else named
     if reading.span:
         span_of(reading.span)
-    own = Pattern(pattern) if pattern else None
-    parts, refused = parts_of([Path(file) for file in _several(files)], own)
+    parts, refused = parts_of([Path(file) for file in _several(files)], pattern or None)
     if not parts:
         raise InputError("; ".join(refused))
     parts, excluded = excluded_of(parts, _several(exclude))
     parts, levels = with_factors(parts, factors)
     settings = Settings(
-        models={m.name: m for m in named},
+        fitting=Fitting(
+            methods={label_of(method): method for method in known},
+            element=as_element(element) if element else None,
+            seed=seed,
+            reading=reading,
+            per_run=per_run,
+            left_out=left_out,
+            sensitivity=sensitivity,
+        ),
+        models={m.name: m for m in with_held(among.values(), fix)},
+        named=[*named],
         auto=auto,
-        methods={label_of(method): method for method in known},
-        per_run=per_run,
-        left_out=left_out,
-        element=as_element(element) if element else None,
-        seed=seed,
         pairs=pairs_of(_several(contrasts)),
         factors=levels,
         keep_all=keep_all,
-        sensitivity=sensitivity,
         excluded=excluded,
         ignored=codes_in(_several(ignore)),
-        fix=fix,
-        reading=reading,
     )
     read = [file for part in parts for file in part.files]
     names = (*(f"{name}.csv" for name in TABLES), TEX, PAGE)
     require_folder(folder, names, read_with(read), force=force)
-    return Experiment(compared(fit_recordings(parts, settings, folder, workers, refused)), folder)
+    results = compared(fit_recordings(parts, settings, folder, workers, refused))
+    return Experiment(**vars(results), folder=folder)
 
 
-def _several(given: Sequence[T]) -> Sequence[T]:
+def _several(given: Any) -> list[Any]:
     """A list, also of one text alone."""
-    return [given] if isinstance(given, str) else given  # type: ignore[list-item]
+    return [given] if isinstance(given, str) else [*given]
 
 
 def pairs_of(texts: Sequence[str]) -> list[tuple[str, str]]:

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pilotid.estimate.parts import FrequencyResponse
 from pilotid.estimate.quantities import symbol, unit_words
 from pilotid.experiment.files import CONDITION, SUBJECT, in_order
-from pilotid.experiment.results import LEFT_OUT
-from pilotid.plots.style import INK, draw_grid, journal_figure, log_ticks, with_unit
+from pilotid.experiment.results import LEFT_OUT, MEASURED, Results
+from pilotid.plots.responses import Bode
+from pilotid.plots.style import INK, draw_grid, journal_figure, with_unit
+from pilotid.report.page import Figure
+from pilotid.support.numbers import Z95
 from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Drawing
     from pandas import DataFrame
 
 ACROSS = 4  # panels in a row
@@ -27,84 +31,94 @@ MARKERS = "osD^vP"
 PARTS = ("target", "disturbance", "remnant")
 
 
-def estimates_figure(own: DataFrame) -> Figure | None:
-    """Estimates over conditions, a panel for each quantity that has values; None if none has.
+def figures(results: Results) -> Iterator[Figure]:
+    """Variances and estimates of each stratum and method, and the responses of groups."""
+    if not {SUBJECT, CONDITION} <= {*results.fields}:
+        return
+    groups = [(title, rows[rows[LEFT_OUT] == ""]) for title, rows in results.groups()]
+    split = [(title, rows) for title, rows in groups if "var_e_remnant" in {*rows["parameter"]}]
+    for place, (title, rows) in enumerate(split, 1):
+        words = f"What variances are made of ({title}): means over subjects, 95 % intervals."
+        yield Figure(f"variances-{place}", variances_figure(rows), words)
+    strata = results.responses.groupby("stratum", sort=False)
+    for place, (stratum, rows) in enumerate(strata, 1):
+        words = (
+            f"{', '.join(filter(None, ['Responses at the forcing lines', stratum]))}: means over "
+            "subjects, in which coefficients that are poorly known weigh little, 95 % intervals; "
+            "no model of the pilot."
+        )
+        yield Figure(f"responses-{place}", responses_figure(rows), words)
+    fits = [(title, rows) for title, rows in groups if len(rows[rows["method"] != MEASURED])]
+    for place, (title, rows) in enumerate(fits, 1):  # the tall ones last, for fewer pages
+        words = f"{title}. Bars: 95 % from the claimed errors, cut where they are long."
+        yield Figure(f"estimates-{place}", estimates_figure(rows), words)
+
+
+def estimates_figure(rows: DataFrame) -> Drawing:
+    """Estimates over conditions, a panel for each quantity.
 
     Parameters
     ----------
-    own
-        Rows of one stratum and method, with columns subject and condition; those that do not count
-        are not drawn.
+    rows
+        Rows of one stratum and method that count, with columns subject and condition.
     """
-    own = own[own[LEFT_OUT] == ""]
-    keys = [*dict.fromkeys(own["parameter"])]
-    if not keys:
-        return None
-    conditions, subjects = in_order([*own[CONDITION]]), in_order([*own[SUBJECT]])
-    rows = math.ceil(len(keys) / ACROSS)
-    with journal_figure(1.75 * rows + 0.4) as figure:
-        panels = figure.subplots(rows, min(ACROSS, len(keys)), squeeze=False).ravel()
+    keys = [*dict.fromkeys(rows["parameter"])]
+    conditions, subjects = in_order(rows[CONDITION]), in_order(rows[SUBJECT])
+    at, who = rows[CONDITION].map(conditions.index), rows[SUBJECT].map(subjects.index)
+    rows = rows.assign(at=at, who=who, x=at + 0.48 * ((who + 0.5) / len(subjects) - 0.5))
+    count = math.ceil(len(keys) / ACROSS)
+    with journal_figure(1.75 * count + 0.4) as figure:
+        panels = figure.subplots(count, min(ACROSS, len(keys)), squeeze=False).ravel()
         for axes, key in zip(panels, keys, strict=False):
-            _panel(axes, own[own["parameter"] == key], conditions, subjects)
+            _panel(axes, rows[rows["parameter"] == key])
+            axes.set_xticks(range(len(conditions)), conditions)
+            axes.set_xlim(-0.6, len(conditions) - 0.4)
         for axes in panels[len(keys) :]:
             axes.set_axis_off()
         every = [axes.get_legend_handles_labels() for axes in panels]
-        named = {label: handle for own in every for handle, label in zip(*own, strict=True)}
+        named = {label: handle for pair in every for handle, label in zip(*pair, strict=True)}
         _legend(figure, named.values(), named)
     return figure
 
 
-def _legend(figure: Figure, handles: Iterable[Any], labels: Iterable[str]) -> None:
+def _legend(figure: Drawing, handles: Iterable[Any], labels: Iterable[str]) -> None:
     figure.legend([*handles], [*labels], loc="outside lower center", ncols=7, frameon=False)
 
 
-def _panel(axes: Axes, own: DataFrame, conditions: list[str], subjects: list[str]) -> None:
-    offsets = np.linspace(-0.24, 0.24, len(subjects)) if len(subjects) > 1 else np.zeros(1)
-    place = own[CONDITION].map(conditions.index)
-    for count, (subject, offset) in enumerate(zip(subjects, offsets, strict=True)):
-        here = own[SUBJECT] == subject
-        if not here.any():
-            continue
-        x, y = place[here] + offset, own.loc[here, "value"]
-        reach = np.abs(own.loc[here, ["lower_95", "upper_95"]].sub(y, axis=0).fillna(0.0)).T
-        colour, marker = COLOURS[count % 7], MARKERS[count // 7 % len(MARKERS)]
-        axes.plot(x, y, color=colour, linewidth=0.5, alpha=0.5)
+def _panel(axes: Axes, rows: DataFrame) -> None:
+    for who, one in rows.groupby("who"):
+        reach = one[["lower_95", "upper_95"]].sub(one["value"], axis=0).abs().fillna(0.0)
+        colour, marker = COLOURS[who % 7], MARKERS[who // 7 % len(MARKERS)]
         look: dict[str, Any]
-        look = {"fmt": marker, "color": colour, "markersize": 3.0, "elinewidth": 0.9}
-        axes.errorbar(x, y, reach, label=f"subject {subject}", **look)
-    for at, values in own.groupby(place)["value"]:
-        if len(values) > 1:
-            mean = [float(values.mean())] * 2
-            ends = [at - 0.36, at + 0.36]
-            axes.plot(ends, mean, color=INK, linewidth=1.2, label="mean over subjects")
-    axes.set_xticks(range(len(conditions)), conditions)
-    axes.set_xlim(-0.6, len(conditions) - 0.4)
+        look = {"fmt": f"-{marker}", "color": colour, "linewidth": 0.5, "markersize": 3.0}
+        look |= {"elinewidth": 0.9, "label": f"subject {one[SUBJECT].iloc[0]}"}
+        axes.errorbar(one["x"], one["value"], reach.T, **look)
+    means = rows.groupby("at")["value"].mean()
+    ends = means.index - 0.36, means.index + 0.36
+    axes.hlines(means, *ends, color=INK, linewidth=1.2, label="mean over subjects")
     draw_grid(axes, "y")
     # Intervals that would squeeze the values together are cut.
-    low, high = float(own["value"].min()), float(own["value"].max())
+    low, high = float(rows["value"].min()), float(rows["value"].max())
     room = high - low or 0.5 * abs(high) or 1.0
     bottom, top = axes.get_ylim()
     axes.set_ylim(max(bottom, low - room), min(top, high + room))
-    first = own.iloc[0]
+    first = rows.iloc[0]
     axes.set_title(with_unit(symbol(first["parameter"]), unit_words(first["unit"])), loc="left")
 
 
-def variances_figure(own: DataFrame) -> Figure | None:
-    """Variances of e, u and x over conditions, stacked; None without forcing lines.
+def variances_figure(rows: DataFrame) -> Drawing:
+    """Variances of e, u and x over conditions, stacked.
 
     Bars are 95 % intervals of the mean over subjects: of a total, and of each part.
 
     Parameters
     ----------
-    own
+    rows
         Measured rows of one stratum that count.
     """
-    own = own[own[LEFT_OUT] == ""]
-    conditions = in_order([*own[CONDITION]])
-    table = own.groupby(["parameter", CONDITION])["value"].agg(["mean", "sem", "count"])
+    conditions = in_order(rows[CONDITION])
+    table = rows.groupby(["parameter", CONDITION])["value"].agg(["mean", "sem", "count"])
     signals = [name for name in "eux" if f"var_{name}_remnant" in table.index]
-    if not signals:
-        return None
     with journal_figure(2.4) as figure:
         panels = figure.subplots(1, len(signals), squeeze=False)[0]
         for axes, name in zip(panels, signals, strict=True):
@@ -118,7 +132,7 @@ def variances_figure(own: DataFrame) -> Figure | None:
                 look: dict[str, Any]
                 look = {"fmt": "none", "ecolor": INK, "elinewidth": 0.7, "capsize": 1.5}
                 axes.errorbar(conditions, top, _reach(parts), **look)
-            unit = own.loc[own["parameter"] == f"var_{name}", "unit"].iloc[0]
+            unit = rows.loc[rows["parameter"] == f"var_{name}", "unit"].iloc[0]
             title = with_unit(symbol(f"var_{name}"), unit_words(unit) or f"{name}²")
             axes.set_title(title, loc="left")
             draw_grid(axes, "y")
@@ -126,15 +140,15 @@ def variances_figure(own: DataFrame) -> Figure | None:
     return figure
 
 
-def _reach(own: DataFrame) -> FloatArray:
+def _reach(means: DataFrame) -> FloatArray:
     """Half of the 95 % interval of each mean; 0 of a single one."""
     from scipy.stats import t
 
-    freedom = np.maximum(own["count"].fillna(0.0) - 1.0, 1.0)
-    return np.asarray(np.nan_to_num(t.isf(0.025, freedom) * own["sem"].to_numpy()))
+    freedom = np.maximum(means["count"].fillna(0.0) - 1.0, 1.0)
+    return np.asarray(np.nan_to_num(t.isf(0.025, freedom) * means["sem"].to_numpy()))
 
 
-def responses_figure(responses: DataFrame) -> Figure | None:
+def responses_figure(responses: DataFrame) -> Drawing:
     """The group's frequency responses at the forcing lines, magnitude above phase, by channel.
 
     Parameters
@@ -148,33 +162,22 @@ def responses_figure(responses: DataFrame) -> Figure | None:
     error and of the subjects' scatter at the line together, so that one that is poorly known counts
     little; bars are 95 % intervals.
     """
-    if not len(responses):
-        return None
     channels = [*dict.fromkeys(responses["channel"])]
+    conditions = in_order(responses[CONDITION])
+    lines = np.array([0.9, 1.1]) * [responses["omega"].min(), responses["omega"].max()]
     with journal_figure(3.0) as figure:
         panels = figure.subplots(2, len(channels), squeeze=False, sharex=True, height_ratios=(3, 2))
-        for (above, below), channel in zip(panels.T, channels, strict=True):
-            own = responses[responses["channel"] == channel]
-            conditions = in_order([*own[CONDITION]])
-            for place, condition in enumerate(conditions):
-                points = [
-                    (float(omega), *_weighted(of))
-                    for omega, of in own[own[CONDITION] == condition].groupby("omega")
-                ]
-                omega, mean, error = (np.array(column) for column in zip(*points, strict=True))
-                omega = np.real(omega) * (1.0 + 0.02 * (place - 0.5 * len(conditions)))
-                size, relative = np.abs(mean), np.minimum(error / np.abs(mean), 0.9)
-                look = {"fmt": "o", "color": COLOURS[place % len(COLOURS)], "markersize": 3.0}
-                above.errorbar(omega, size, size * relative, label=condition, **look)
-                phase = np.degrees(np.unwrap(np.angle(mean)))
-                below.errorbar(omega, phase, np.degrees(relative), **look)
-            above.set(xscale="log", yscale="log")
-            log_ticks(above, "x")
-            above.set_title(f"{channel} channel, magnitude", loc="left")
-            below.set_xlabel("frequency [rad/s]")
-            for axes in (above, below):
-                draw_grid(axes)
-        panels[1, 0].set_ylabel("phase [deg]")
+        for axes, channel in zip(panels.T, channels, strict=True):
+            of_channel, bode = responses[responses["channel"] == channel], Bode(tuple(axes), lines)
+            for condition, rows in of_channel.groupby(CONDITION):
+                place, by_line = conditions.index(condition), rows.groupby("omega")
+                mean, error = zip(*(_weighted(of) for _, of in by_line), strict=True)
+                omega = np.array([*by_line.groups]) * (1.0 + 0.02 * (place - len(conditions) / 2))
+                covariance = np.diag(np.tile(np.square(error) / Z95**2, 2))
+                response = FrequencyResponse(omega, np.array([mean]), covariance)
+                bode.points(response, 0, COLOURS[place % len(COLOURS)], "o", condition)
+            bode.frame()
+            axes[0].set_title(f"{channel} channel, magnitude", loc="left")
         _legend(figure, *panels[0, 0].get_legend_handles_labels())
     return figure
 
@@ -184,14 +187,14 @@ def _weighted(of: DataFrame) -> tuple[complex, float]:
     from scipy.stats import t
 
     values = of["real"].to_numpy() + 1j * of["imag"].to_numpy()
-    own = of["std"].to_numpy() ** 2
+    errors = of["std"].to_numpy() ** 2
     count = len(values)
     middle = np.median(values.real) + 1j * np.median(values.imag)
-    between = max(float(np.median(np.abs(values - middle) ** 2 - own)), 0.0)
-    weights = 1.0 / (own + between + 1e-300)
+    between = max(float(np.median(np.abs(values - middle) ** 2 - errors)), 0.0)
+    weights = 1.0 / (errors + between + 1e-300)
     mean = complex(np.sum(weights * values) / weights.sum())
     if count == 1:
-        return mean, 1.96 * math.sqrt(0.5 * float(own[0]))
+        return mean, 1.96 * math.sqrt(0.5 * float(errors[0]))
     scatter = float(np.sum(weights * np.abs(values - mean) ** 2) / weights.sum()) / (count - 1)
     claimed = 1.0 / float(weights.sum())
     return mean, float(t.isf(0.025, count - 1) * math.sqrt(max(scatter, claimed) / 2.0))

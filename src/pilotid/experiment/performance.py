@@ -36,46 +36,48 @@ def performance(recording: Recording) -> dict[str, tuple[str, FloatArray]]:
     """
     lines = {} if lines_shared(recording) else known_lines(recording)
     every = np.concatenate([*lines.values()]) if lines else np.zeros(0, dtype=int)
-    found: dict[str, tuple[str, FloatArray]] = {}
+    quantities: dict[str, tuple[str, FloatArray]] = {}
     for name in (name for name in ("e", "u", "x") if name in recording.signals):
         unit, signal = recording.units.get(name, ""), getattr(recording, name)
         window = recording.window(signal)
         total = rest = window.var(axis=1)
         square = f"({unit})^2" if "/" in unit else f"{unit}^2" * bool(unit)
-        found[f"var_{name}"] = square, total
-        found[f"rms_{name}"] = unit, np.sqrt(np.mean(window**2, axis=1))
+        quantities[f"var_{name}"] = square, total
+        quantities[f"rms_{name}"] = unit, np.sqrt(np.mean(window**2, axis=1))
         if not lines:
             continue
         for source, forcing in SOURCES.items():
             if forcing in lines:
-                own = _answer(recording, signal, forcing, lines[forcing], every)
-                found[f"var_{name}_{source}"] = square, own
-                rest = rest - own
-        found[f"var_{name}_{REMNANT}"] = square, rest
+                answer = _answer(recording, signal, forcing, lines[forcing], every)
+                quantities[f"var_{name}_{source}"] = square, answer
+                rest = rest - answer
+        quantities[f"var_{name}_{REMNANT}"] = square, rest
         if name == "u":
-            found[SHARE] = "", rest / total
-    return found
+            quantities[SHARE] = "", rest / total
+    return quantities
 
 
 def measured(recording: Recording) -> list[dict[str, Any]]:
-    """A row for each quantity, its mean over the runs, and a row for each of several runs."""
+    """What estimates have, of signals: the means over runs, and each of several runs alone."""
+    from pandas import DataFrame
     from scipy.special import stdtrit
 
-    rows = list[dict[str, Any]]()
-    for key, (unit, values) in performance(recording).items():
-        count, mean = len(values), float(np.mean(values))
-        error = float(np.std(values, ddof=1)) / math.sqrt(count) if count > 1 else math.nan
-        quantile = float(stdtrit(count - 1, 1.0 - 0.5 * LEVEL)) if error > 0.0 else math.nan
-        shared: dict[str, Any]
-        shared = {"kind": MEASURED, "parameter": key, "unit": unit}
-        shared |= {"determined": True, LEFT_OUT: ""}
-        whole = {"value": mean, "std_error": float(error)}
-        whole |= {"lower_95": mean - quantile * error, "upper_95": mean + quantile * error}
-        rows.append({**shared, **whole, "run": None})
-        single = values.tolist() if count > 1 else ()
-        unknown = dict.fromkeys(("std_error", "lower_95", "upper_95"), math.nan)
-        rows += [{**shared, **unknown, "value": v, "run": run} for run, v in enumerate(single, 1)]
-    return rows
+    known = performance(recording)
+    units, values = zip(*known.values(), strict=True)
+    runs, mean = recording.runs, np.mean(values, axis=1)
+    error = np.std(values, axis=1, ddof=1) / math.sqrt(runs) if runs > 1 else np.nan * mean
+    reach = stdtrit(max(runs - 1, 1), 1.0 - 0.5 * LEVEL) * error
+    rows = DataFrame({"kind": MEASURED, "parameter": [*known], "unit": units})
+    rows = rows.assign(determined=True, **{LEFT_OUT: ""})
+    whole = rows.assign(value=mean, std_error=error, lower_95=mean - reach, upper_95=mean + reach)
+    single = enumerate(zip(*values, strict=True), 1) if runs > 1 else ()
+    shared: dict[str, Any]
+    shared = {"model": "", "element": "", "method": MEASURED, "outcome": MEASURED, "usable": True}
+    shared |= {"otherwise": "", "vaf": math.nan, "remarks": (), "loop_remarks": ()}
+    return [
+        {**shared, "run": run, "quantities": quantities.to_dict("records")}
+        for run, quantities in [(None, whole), *((run, rows.assign(value=v)) for run, v in single)]
+    ]
 
 
 def lines_shared(recording: Recording) -> Remark | None:

@@ -3,7 +3,7 @@
 For notebooks and for pages alike; below are the figures of pages, put together from them::
 
     plot.signals(recording, mle, fourier)
-    plot.describing_function(mle, fourier, channel="visual")
+    plot.describing_function(mle, fourier)
 
 Functions of several estimates draw what there is of those that failed.
 """
@@ -17,14 +17,17 @@ import numpy as np
 
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.parts import FrequencyResponse
-from pilotid.likelihood.diagnostics import Whitened, correlations, prediction_errors
+from pilotid.estimate.quantities import TAILS, Draws
+from pilotid.likelihood.diagnostics import correlations, prediction_errors
 from pilotid.model.element import ControlledElement
 from pilotid.plots.responses import NO_UNITS, describing_function, open_loop
 from pilotid.plots.style import (
     INK,
-    Named,
+    WIDTH,
+    colour_of,
     draw_grid,
     journal_figure,
+    journal_style,
     leading,
     legend,
     log_ticks,
@@ -33,6 +36,7 @@ from pilotid.plots.style import (
     square_unit,
     with_unit,
 )
+from pilotid.posterior.predictive import PredictiveBand
 from pilotid.recording.recording import Recording
 from pilotid.support.numbers import Z95
 from pilotid.support.types import FloatArray, InputError
@@ -42,8 +46,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "autocorrelation",
-    "cross_correlation",
+    "correlation",
     "describing_function",
     "open_loop",
     "remnant",
@@ -108,9 +111,8 @@ def signals(
 # the remnant
 
 INSIDE = 0.8  # share of an analysis band that its filter leaves alone
+SEGMENTS = 4  # of a run whose spectra are averaged
 BAND = 30.0  # rad/s, up to which a residual's spectrum is shown where no model says how far
-#: A periodogram is averaged over this share of the frequency, and over so many lines at least.
-SMOOTHING, FEWEST = 1.0 / 6.0, 4
 
 
 def remnant(
@@ -121,22 +123,12 @@ def remnant(
     Parameters
     ----------
     estimates
-        Estimates; without a recording, at least one of them has a model of the remnant.
+        The estimates.
     recording
-        What they were estimated from, for the smoothed periodogram of the residual (points).
+        What they were estimated from, for the residual's spectrum (points), after Welch (1967).
     axes
         Where to draw; None makes a new figure by pyplot.
-
-    Raises
-    ------
-    InputError
-        If there is nothing to draw.
     """
-    if recording is None and all(e.remnant is None for e in estimates):
-        raise InputError(
-            "none of these estimates has a model of the remnant; name the recording, too, to see "
-            "the spectra of their residuals"
-        )
     axes, chosen = axes if axes is not None else new_axes(), leading(estimates)
     for own in named(estimates):
         model, highest = own.estimate.remnant, BAND
@@ -146,7 +138,7 @@ def remnant(
             axes.plot(model.omega[shown], model.density[shown], color=own.colour,
                       linestyle=own.dash, linewidth=1.4, label=own.label)  # fmt: skip
         if recording is not None and own.estimate is chosen:
-            omega, density = _periodogram(recording, own.estimate)
+            omega, density = _spectrum(recording, own.estimate)
             shown = omega <= highest
             axes.plot(omega[shown], density[shown], own.marker, color=own.colour,
                       markersize=3.5, markerfacecolor="white",
@@ -162,21 +154,14 @@ def remnant(
     return axes
 
 
-def _periodogram(recording: Recording, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
-    """One-sided power density of the residual over frequency [rad/s], all runs averaged."""
+def _spectrum(recording: Recording, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    """Frequency [rad/s] and one-sided power density of the residual, all runs averaged."""
+    from scipy.signal import welch
+
     frame = estimate.simulate(recording)
     left = (frame.control - frame.simulated).to_numpy().reshape(recording.runs, -1)
-    count = left.shape[1]
-    taper = np.hanning(count)
-    spectrum = np.fft.rfft(taper * left)
-    power = np.mean(np.abs(spectrum) ** 2, axis=0) * recording.dt / (np.pi * np.sum(taper**2))
-    omega = 2.0 * np.pi * np.fft.rfftfreq(count, recording.dt)
-    edges = [1]
-    while edges[-1] < omega.size:
-        edges.append(edges[-1] + max(FEWEST, round(SMOOTHING * edges[-1])))
-    sizes = np.diff([*edges[:-1], omega.size])
-    places = np.add.reduceat(omega, edges[:-1]) / sizes
-    return places, np.add.reduceat(power, edges[:-1]) / sizes
+    omega, density = welch(left, 2.0 * np.pi / recording.dt, nperseg=left.shape[1] // SEGMENTS)
+    return omega[1:], density.mean(axis=0)[1:]
 
 
 # prediction errors
@@ -185,8 +170,16 @@ LAGS = 2.5  # seconds
 SHADE = "#e8e8e8"
 
 
-def autocorrelation(recording: Recording, *estimates: Estimate, axes: Axes | None = None) -> Axes:
-    """Autocorrelation of the prediction errors, and the limits that hold 95 % if they are white.
+def correlation(
+    recording: Recording,
+    *estimates: Estimate,
+    signal: str | None = None,
+    axes: Axes | None = None,
+) -> Axes:
+    """Autocorrelation of the prediction errors, or their correlation with an earlier input.
+
+    Dashed limits hold 95 % if errors are white, and nothing in the input explains them.  Lags below
+    zero (shaded) are inputs after the error, which hold it through the loop: no fault.
 
     Parameters
     ----------
@@ -195,31 +188,10 @@ def autocorrelation(recording: Recording, *estimates: Estimate, axes: Axes | Non
     estimates
         Estimates from it; those without values are left out.  Errors are whitened by each
         estimate's own model of the remnant, or else by one fitted to what it leaves.
+    signal
+        ``e`` or ``x``, on which a channel of the models acts; None for the errors themselves.
     axes
         Where to draw; None makes a new figure by pyplot.
-    """
-    axes = axes if axes is not None else new_axes()
-    for own in filter(lambda own: own.known, named(estimates)):
-        errors = prediction_errors(recording, own.estimate)
-        _draw_correlations(axes, own, errors, errors.errors, range(1, 1 + _longest(errors)))
-    axes.set_ylabel("autocorrelation [-]")
-    return _over_lags(axes, 0.0)
-
-
-def cross_correlation(
-    recording: Recording, *estimates: Estimate, signal: str = "e", axes: Axes | None = None
-) -> Axes:
-    """Correlation of the prediction errors with an input of the pilot some time before.
-
-    Within the limits, which hold 95 %, nothing in the input explains the errors.  Lags below zero
-    (shaded) are inputs after the error, which hold it through the loop: no fault.
-
-    Parameters
-    ----------
-    recording, estimates, axes
-        As for `autocorrelation`.
-    signal
-        ``e`` or ``x``, on which a channel of the models acts.
 
     Raises
     ------
@@ -227,42 +199,27 @@ def cross_correlation(
         If no channel acts on that signal.
     """
     axes = axes if axes is not None else new_axes()
+    begin, reach = (-0.5 * LAGS if signal else 0.0), 0.0
     for own in filter(lambda own: own.known, named(estimates)):
         errors = prediction_errors(recording, own.estimate)
-        if signal not in errors.inputs:
-            taken = ", ".join(c.on for c in own.estimate.model.channels)
+        against = errors.inputs.get(signal) if signal else errors.errors
+        if against is None:
             raise InputError(
-                f"no channel of model {own.estimate.model.name} acts on {signal}: choose {taken}"
+                f"no channel of model {own.estimate.model.name} acts on {signal}: choose "
+                f"{', '.join(errors.inputs)}"
             )
-        lags = range(-_longest(errors) // 2, 1 + _longest(errors))
-        _draw_correlations(axes, own, errors, errors.inputs[signal], lags)
-    axes.axvspan(-0.5 * LAGS, 0.0, color=SHADE, linewidth=0.0, zorder=-1.0)
-    axes.set_ylabel(f"correlation with {signal} [-]")
-    return _over_lags(axes, -0.5 * LAGS)
-
-
-def _longest(errors: Whitened) -> int:
-    """The longest lag that is shown, in samples."""
-    return min(round(LAGS / errors.dt), int(errors.errors.shape[1]) - 1)
-
-
-def _draw_correlations(
-    axes: Axes, own: Named, errors: Whitened, signal: FloatArray, lags: range
-) -> None:
-    found, times = correlations(errors.errors, signal, lags), errors.dt * np.array(lags)
-    axes.plot(times, found, color=own.colour, linestyle=own.dash, label=own.label)
-    limit = Z95 / float(np.sqrt(errors.errors.size))
-    for side in (-limit, limit):
-        axes.axhline(side, color=INK, linewidth=0.7, linestyle=(0, (4.0, 2.0)))
-
-
-def _over_lags(axes: Axes, begin: float) -> Axes:
+        longest = min(round(LAGS / errors.dt), int(errors.errors.shape[1]) - 1)
+        lags = range(-longest // 2, 1 + longest) if signal else range(1, 1 + longest)
+        drawn = correlations(errors.errors, against, lags)
+        times, limit = errors.dt * np.array(lags), Z95 / float(np.sqrt(errors.errors.size))
+        axes.plot(times, drawn, color=own.colour, linestyle=own.dash, label=own.label)
+        for side in (-limit, limit):
+            axes.axhline(side, color=INK, linewidth=0.7, linestyle=(0, (4.0, 2.0)))
+        reach = max(reach, 1.25 * limit, 1.25 * float(np.max(np.abs(drawn))))
+    axes.axvspan(begin, 0.0, color=SHADE, linewidth=0.0, zorder=-1.0)
     axes.axhline(0.0, color=INK, linewidth=0.5)
-    drawn = [np.asarray(line.get_ydata(), float) for line in axes.get_lines()]
-    reach = 1.25 * max(float(np.max(np.abs(own))) for own in drawn)
-    if reach > 0.0:
-        axes.set_ylim(-reach, reach)
-    axes.set(xlim=(begin, LAGS), xlabel="lag [s]")
+    axes.set(xlim=(begin, LAGS), ylim=(-reach, reach) if reach else None, xlabel="lag [s]")
+    axes.set_ylabel(f"correlation with {signal} [-]" if signal else "autocorrelation [-]")
     draw_grid(axes)
     if len(axes.get_legend_handles_labels()[1]) > 1:
         legend(axes)
@@ -320,12 +277,10 @@ def remnant_figure(recording: Recording, estimates: Sequence[Estimate]) -> Figur
 
 def whiteness_figure(recording: Recording, estimate: Estimate) -> Figure:
     """Tests of the prediction errors of one estimate."""
-    inputs = dict.fromkeys(channel.on for channel in estimate.model.channels)
+    signals = (None, *dict.fromkeys(channel.on for channel in estimate.model.channels))
     with journal_figure(2.4) as figure:
-        panels = figure.subplots(1, 1 + len(inputs))
-        autocorrelation(recording, estimate, axes=panels[0])
-        for name, axes in zip(inputs, panels[1:], strict=True):
-            cross_correlation(recording, estimate, signal=name, axes=axes)
+        for name, axes in zip(signals, figure.subplots(1, len(signals)), strict=True):
+            correlation(recording, estimate, signal=name, axes=axes)
     return figure
 
 
@@ -337,3 +292,98 @@ def _legend_above(figure: Figure, columns: int) -> None:
             own.remove()
     if labels:
         figure.legend(handles, labels, loc="outside upper left", ncols=columns, frameon=False)
+
+
+# figures of a posterior
+
+COLOUR = colour_of("bayes")
+GREY = "#999999"
+SHOWN = 20_000  # draws in a corner plot
+CONTOURS = (0.95, 0.5)  # shares of the draws that contours enclose
+
+
+def corner(draws: Draws, units: dict[str, str]) -> Figure:
+    """Marginal densities on the diagonal, and of every pair of parameters below it.
+
+    Contours enclose 50 and 95 % of the draws; dashed lines mark the mean and the
+    equal-tailed 95 % interval.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
+
+    count = len(draws.keys)
+    values = draws.thinned(min(SHOWN, len(draws.values)))
+    low, high = np.quantile(values, (0.002, 0.998), axis=0)
+    limits = np.stack([low - 0.08 * (high - low), high + 0.08 * (high - low)], axis=1)
+    with journal_style():
+        figure = Figure(figsize=(WIDTH, WIDTH))
+        # Not matplotlib's own layout, which takes seconds for so many panels.
+        grid = figure.add_gridspec(
+            count, count, left=0.1, bottom=0.11, right=0.985, top=0.995, wspace=0.07, hspace=0.07
+        )
+        for i in range(count):
+            for j in range(i + 1):
+                axes = figure.add_subplot(grid[i, j])
+                if i == j:
+                    _marginal(axes, draws, i, limits[i])
+                else:
+                    _pair(axes, values[:, j], values[:, i], limits[j], limits[i])
+                    axes.yaxis.set_major_locator(MaxNLocator(2, prune="both"))
+                axes.set_xlim(*limits[j].tolist())
+                axes.xaxis.set_major_locator(MaxNLocator(2, prune="both"))
+                axes.tick_params(labelbottom=i == count - 1, labelleft=i > j == 0)
+                axes.tick_params(axis="x", rotation=45)
+                if i == count - 1:
+                    axes.set_xlabel(f"{draws.keys[j]}\n[{units.get(draws.keys[j]) or '-'}]")
+                    axes.xaxis.set_label_coords(0.5, -0.5 * count / 7)
+                if j == 0 < i:
+                    axes.set_ylabel(f"{draws.keys[i]}\n[{units.get(draws.keys[i]) or '-'}]")
+                    axes.yaxis.set_label_coords(-0.48 * count / 7, 0.5)
+    return figure
+
+
+def _marginal(axes: Axes, draws: Draws, index: int, limits: FloatArray) -> None:
+    own = draws.values[:, index]
+    axes.hist(own, bins=40, range=tuple(limits), color=COLOUR, histtype="step")
+    for place in (own.mean(), *np.quantile(own, TAILS)):
+        axes.axvline(place, color=GREY, linestyle="--", linewidth=0.7)
+    axes.set_yticks([])
+
+
+def _pair(
+    axes: Axes, x: FloatArray, y: FloatArray, x_range: FloatArray, y_range: FloatArray
+) -> None:
+    from scipy.ndimage import gaussian_filter
+
+    counts, x_edges, y_edges = np.histogram2d(x, y, bins=26, range=[x_range, y_range])
+    counts = gaussian_filter(counts, 0.7)  # contours of raw counts are ragged
+    ordered = np.sort(counts.ravel())[::-1]
+    shares = np.cumsum(ordered) / ordered.sum()
+    levels = sorted({float(ordered[np.searchsorted(shares, share)]) for share in CONTOURS})
+    x_middle, y_middle = (0.5 * (e[1:] + e[:-1]) for e in (x_edges, y_edges))
+    top = float(counts.max())
+    if levels[-1] < top:
+        axes.contourf(x_middle, y_middle, counts.T, [*levels, top], colors=COLOUR, alpha=0.25)
+    axes.contour(x_middle, y_middle, counts.T, levels, colors=COLOUR, linewidths=0.8)
+    axes.set_ylim(*y_range.tolist())
+
+
+def predictive_band(predictive: PredictiveBand, unit: str = "", seconds: float = 30.0) -> Figure:
+    """Recorded control of the first run inside its posterior predictive band."""
+    shown = predictive.time <= seconds
+    time = predictive.time[shown]
+    with journal_figure(2.8) as figure:
+        axes = figure.subplots()
+        for limits, colour, alpha, label in (
+            (predictive.with_remnant, GREY, 0.3, "95 % band with remnant"),
+            (predictive.model, COLOUR, 0.6, "95 % band of the model's answer"),
+        ):
+            low, high = limits[:, 0, shown]
+            axes.fill_between(
+                time, low, high, color=colour, alpha=alpha, linewidth=0.0, label=label
+            )
+        axes.plot(time, predictive.control[0, shown], color=INK, linewidth=0.9, label="recorded")
+        axes.set_xlabel("time from the first scored sample [s]")
+        axes.set(ylabel=with_unit("control u", unit), xlim=(0.0, time[-1]))
+        legend(axes, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1)
+    return figure

@@ -47,7 +47,6 @@ LOOP_STYLES: tuple[tuple[str, str, Dash], ...] = (
 
 def describing_function(
     *estimates: Estimate,
-    channel: str | None = None,
     truth: FloatArray | None = None,
     points: FrequencyResponse | Recording | None = None,
     units: Mapping[str, str] = NO_UNITS,
@@ -62,8 +61,6 @@ def describing_function(
     ----------
     estimates
         At least one estimate.
-    channel
-        Name of a channel; None for all of the first estimate's model.
     truth
         True parameters of a simulation, in the order of the first estimate's model, shape
         (parameters,).
@@ -73,8 +70,8 @@ def describing_function(
     units
         Of the recording's signals, for the label of the magnitude.
     axes
-        Magnitude and phase of each channel in turn; a pair has one channel, the first unless
-        `channel` names it.  None makes a new figure by pyplot.
+        Magnitude and phase of each channel of the first estimate's model in turn; of fewer axes
+        the first channels.  None makes a new figure by pyplot.
 
     Returns
     -------
@@ -83,13 +80,11 @@ def describing_function(
     Raises
     ------
     InputError
-        If there is no estimate, or a model has no such channel.
+        If there is no estimate.
     """
     if not estimates:
         raise InputError("name at least one estimate whose describing function is to be drawn")
-    names = [channel] if channel else [c.name for c in estimates[0].model.channels]
-    for name in names:
-        _channel(estimates[0], name)
+    names = [c.name for c in estimates[0].model.channels]
     axes = new_columns(len(names)) if axes is None else axes
     if isinstance(points, Recording):
         from pilotid.methods.fourier import first_step_of
@@ -111,7 +106,10 @@ def _draw_channel(
     bode = Bode(axes, np.geomspace(*_shown(estimates, points), POINTS))
     banded = leading(estimates)
     for own in named(estimates):
-        estimate, index = own.estimate, _channel(own.estimate, channel)
+        estimate, names = own.estimate, [c.name for c in own.estimate.model.channels]
+        if channel not in names:
+            continue
+        index = names.index(channel)
         for number, end in enumerate(_ends(estimate.model) if own.known else ()):
             response, errors = fitted_response(estimate, index, bode.omega, end)
             label = f"{own.label}, after the change" if number else own.label
@@ -120,7 +118,8 @@ def _draw_channel(
         if (found := estimate.frequency_response) is not None:
             label = "" if own.known else own.label
             bode.points(found, index, own.colour, own.marker, label)
-    model, index = estimates[0].model, _channel(estimates[0], channel)
+    model = estimates[0].model
+    index = [c.name for c in model.channels].index(channel)
     if points is not None:
         bode.points(points, index, INK, "o", "Fourier coefficients")
     if truth is not None:
@@ -158,15 +157,15 @@ def open_loop(
         If the estimate has no values, or its loop is not known.
     """
     model, values = estimate.model, estimate.values
-    if model.no_loop:
-        raise InputError(f"no loop of model {model.name}: {model.no_loop}")
-    if not np.isfinite(values).all():
-        raise InputError(f"{estimate.method} has no values, so that there is no loop to draw")
+    if why := model.no_loop or ("" if np.isfinite(values).all() else "the fit has no values"):
+        raise InputError(f"{estimate.method}, {model.name}: no loop to draw: {why}")
     element = as_element(element)
     above, below = axes or new_columns(1)
     bode = Bode((above, below), np.geomspace(*OF_LOOPS, 2 * POINTS))
     loops = np.array(open_loops(model, values, element, bode.omega))
-    errors = loop_errors(estimate, element, bode.omega)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a loop without a channel is zero
+        slopes = np.array(loop_slopes(model, values, element, bode.omega))
+    errors = [_errors(own, estimate.covariance) for own in slopes]
     same = bool(np.allclose(loops[0], loops[1]))
     above.axhline(1.0, color=INK, linewidth=0.6)
     drawn = [*zip(loops, errors, margins(model, values, element), LOOP_STYLES, strict=True)]
@@ -185,13 +184,6 @@ def open_loop(
     above.set_ylabel("magnitude |L| [-]")
     legend(above)
     return above, below
-
-
-def loop_errors(estimate: Estimate, element: ControlledElement, omega: FloatArray) -> FloatArray:
-    """Errors of log-magnitude and phase [rad] of both open loops, shape (2 loops, 2, n)."""
-    with np.errstate(invalid="ignore", divide="ignore"):  # a loop without a channel is zero
-        slopes = np.array(loop_slopes(estimate.model, estimate.values, element, omega))
-    return np.array([_errors(own, estimate.covariance) for own in slopes])
 
 
 def _errors(slopes: ComplexArray, covariance: FloatArray) -> FloatArray:
@@ -219,16 +211,6 @@ def _shown(estimates: Sequence[Estimate], points: FrequencyResponse | None) -> t
     return float(0.8 * every.min()), float(1.25 * every.max())
 
 
-def _channel(estimate: Estimate, name: str) -> int:
-    """Index of a channel by its name."""
-    names = [c.name for c in estimate.model.channels]
-    if name not in names:
-        raise InputError(
-            f"model {estimate.model.name} has no channel {name}: choose from {', '.join(names)}"
-        )
-    return names.index(name)
-
-
 def _ends(model: PilotModel) -> tuple[IntArray, ...]:
     """The parameters of the constant pilots that a model is: one, or those before and after."""
     return model.ends if model.changes else model.ends[:1]
@@ -241,9 +223,6 @@ def fitted_response(
     values, covariance = estimate.values[end], estimate.covariance[np.ix_(end, end)]
     responses, jacobians = estimate.model.constant.response_and_jacobian(omega, values)
     return responses[channel], _errors(jacobians[channel] / responses[channel], covariance)
-
-
-TURNS = (15.0, 45.0, 90.0, 180.0, 360.0)  # degrees between ticks
 
 
 class Bode:
@@ -317,7 +296,7 @@ class Bode:
 
     def frame(self) -> None:
         """Scales, labels and limits; lines and points decide on these, bands and bars do not."""
-        from matplotlib.ticker import MultipleLocator
+        from matplotlib.ticker import MaxNLocator
 
         self.above.set_yscale("log")
         for axes in (self.above, self.below):
@@ -330,10 +309,8 @@ class Bode:
         if sizes.size:
             self.above.set_ylim(0.6 * np.min(sizes), 1.7 * np.max(sizes))
         if phases.size:
-            low, high = np.min(phases) - 20.0, np.max(phases) + 20.0
-            self.below.set_ylim(low, high)
-            step = next((s for s in TURNS if high - low < 7.0 * s), TURNS[-1])
-            self.below.yaxis.set_major_locator(MultipleLocator(step))
+            self.below.set_ylim(np.min(phases) - 20.0, np.max(phases) + 20.0)
+        self.below.yaxis.set_major_locator(MaxNLocator(6, steps=[1.0, 1.5, 3.0, 4.5, 9.0, 10.0]))
         log_ticks(self.above, "y")
         self.above.tick_params(axis="x", labelbottom=False)
         self.below.set(ylabel="phase [deg]", xlabel="frequency [rad/s]")

@@ -74,8 +74,6 @@ def journal_style() -> AbstractContextManager[None]:
 
     return rc_context(
         {
-            "font.family": "sans-serif",
-            "font.sans-serif": ["DejaVu Sans"],
             "font.size": 8.0,
             "axes.titlesize": 8.5,
             "axes.labelsize": 8.0,
@@ -90,7 +88,6 @@ def journal_style() -> AbstractContextManager[None]:
             "ytick.major.width": 0.6,
             "xtick.minor.size": 0.0,
             "ytick.minor.size": 0.0,
-            "axes.unicode_minus": True,
             "lines.linewidth": 1.0,
         }
     )
@@ -151,22 +148,17 @@ class Named:
 
 def named(estimates: Sequence[Estimate]) -> list[Named]:
     """Estimates by method or, if these repeat, by model and number; one alone has a full line."""
-    methods, models = [e.method for e in estimates], [e.model.name for e in estimates]
-    alike = len(set(methods)) < len(methods)
-    pairs = list(zip(methods, models, strict=True))
+    pairs = [(e.method, e.model.name) for e in estimates]
+    methods, models = {method for method, _ in pairs}, {model for _, model in pairs}
     found = []
     for number, (estimate, (method, model)) in enumerate(zip(estimates, pairs, strict=True)):
-        colour, marker, dash = style_of(method)
-        if len(estimates) == 1:
-            dash = "-"
-        if alike:
-            looks = list(STYLES.values())
-            colour, marker, _ = looks[-number % len(looks)]
-            dash = looks[number % len(looks)].dash
-        label = f"{method}, {model}" if len(set(models)) > 1 else method
+        alike = len(methods) < len(estimates)
+        look = [*STYLES.values()][number % len(STYLES)] if alike else style_of(method)
+        label = f"{method}, {model}" if len(models) > 1 else method
         if pairs.count((method, model)) > 1:
             label += f" {pairs[: number + 1].count((method, model))}"
-        found.append(Named(estimate, label, colour, marker, dash))
+        dash = look.dash if len(estimates) > 1 else "-"
+        found.append(Named(estimate, label, look.colour, look.marker, dash))
     return found
 
 

@@ -204,7 +204,7 @@ def figures_of(
     modelled = [e for e in shown if e.remnant is not None or e is chosen]
     caption = (
         "Power density of the remnant as modelled (lines), and of what the model of the pilot "
-        f"by {chosen.method} leaves of the control (points; smoothed periodogram)."
+        f"by {chosen.method} leaves of the control (points; by Welch's method)."
     )
     yield Figure("remnant", plots.remnant_figure(recording, modelled), caption)
     caption = (

@@ -11,7 +11,7 @@ import numpy as np
 from pilotid.estimate.method import Fitted
 from pilotid.estimate.quantities import UNDETERMINED, Draws, Quantity
 from pilotid.model.element import ControlledElement
-from pilotid.plots.posterior_figures import band, corner
+from pilotid.plots.plots import corner, predictive_band
 from pilotid.posterior.predictive import PredictiveBand
 from pilotid.report.fit import figures_of, words_of
 from pilotid.report.page import Figure, render, save_figures
@@ -162,7 +162,7 @@ def posterior_figures(
         ),
         Figure(
             "predictive",
-            band(predictive, unit),
+            predictive_band(predictive, unit),
             f"First seconds of {runs} in its posterior predictive band: of the model's answer to "
             "the recorded inputs, and with the remnant.",
         ),
