@@ -114,8 +114,8 @@ class Trust:
                 continue
             row = scores.loc[q.key]
             good = fits[fits.usable & (fits.parameter == q.key)]
-            ends = (good[name].to_numpy() for name in ("value", "low", "high"))
-            factor = length_factor(*ends, row.truth)
+            value, lower, upper = (good[name].to_numpy() for name in ("value", "low", "high"))
+            factor = length_factor(value, lower, upper, row.truth)
             low = q.value - factor * (q.value - q.lower)
             high = q.value + factor * (q.upper - q.value)
             if math.isfinite(factor):  # no end lies outside the bounds of the search
