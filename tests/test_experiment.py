@@ -77,8 +77,7 @@ def made(
     settings = Settings(
         Fitting({}), models, ["single"], False, pairs=pairs, factors=levels, keep_all=keep_all
     )
-    empty = {"estimates": [], "left_out": [], "responses": []}
-    empty["candidates"] = [asdict(Candidate("single", 5))]
+    empty = {"estimates": [], "candidates": [asdict(Candidate("single", 5))]}
     looks, fits = {}, []
     for part in parts:
         subject, condition = part.fields["subject"], part.condition

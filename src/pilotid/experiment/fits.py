@@ -114,8 +114,6 @@ def look(
             asdict(model) for model in compare_models(chosen.named_in(recording), tried, how.seed)
         ],
         "estimates": measured(recording),
-        "left_out": [],
-        "responses": [],
     }
 
 

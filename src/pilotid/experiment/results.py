@@ -248,11 +248,11 @@ def results_of(
                 quantities.append(
                     {**head, **estimate, **place, **row, LEFT_OUT: why, "remarks": said}
                 )
-        predicted += [{**head, **row} for row in content["left_out"]]
+        predicted += [{**head, **row} for row in content.get("left_out", ())]
         wrong = any(remark.grade == "wrong" for remark in _kept(settings, seen["remarks"]))
-        if content["responses"] and (settings.keep_all or not wrong):
+        if (found := content.get("responses")) and (settings.keep_all or not wrong):
             own = {"stratum": " ".join(part.stratum), CONDITION: part.condition}
-            responses.setdefault(part, [{**own, **row} for row in content["responses"]])
+            responses.setdefault(part, [{**own, **row} for row in found])
         for candidate in content.get("candidates", ()):
             own = {"model": "", "chosen": "yes" if candidate["model"] == choice else "no"}
             models.append({**head, **own, **candidate})
