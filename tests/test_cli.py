@@ -340,7 +340,8 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.support.remarks import CODES
 
 ONE = replace(SCENARIOS["single"], name="one", duration=30.0)
-TWO = [ONE, replace(ONE, name="two", runs=2)]
+TWO = replace(ONE, name="two", runs=2)
+BOTH = [ONE, TWO]
 
 class Mine(MLEWhite):
     "Maximum likelihood of my own."
@@ -362,7 +363,7 @@ def test_methods_and_scenarios_come_from_code_and_with_settings(
     out = tmp_path / "out"
     methods = f"mle-white(candidates=3, refined=1),{own}:Mine(candidates=2)"
     options = ("--method", methods, "--method", "mle-white", "--replications", 1, "--out", out)
-    assert run("compare", "--scenario", f"{own}:TWO,single(runs=2)", *options).status == 0
+    assert run("compare", "--scenario", f"{own}:ONE,{own}:TWO,single(runs=2)", *options).status == 0
     with (out / "summary.csv").open(newline="") as stream:
         keys = {(row["scenario"], row["method"]) for row in csv.DictReader(stream)}
     labels = ("mle-white", "mle-white(candidates=3, refined=1)", "mine(candidates=2)")
@@ -380,7 +381,7 @@ def test_fit_and_simulate_take_code_and_settings_too(run: Run, own: Path, tmp_pa
     assert names == ["arx", "arx(memory=none)", "mine"]
     values = [e["parameters"]["tdvis"]["value"] for e in result["estimates"]]
     assert len(set(values)) == 3
-    refused(run("simulate", f"{own}:TWO", "--out", csv_file), "is no Scenario", "name one")
+    refused(run("simulate", f"{own}:BOTH", "--out", csv_file), "is no Scenario", "name one")
     refused(run(*fit, "arx(memory=x)"), "memory=x: input should be a valid number")
     refused(run(*fit, "arx(memory=1"), "not closed")
     refused(run(*fit, f"{own}:Yours"), "holds no 'Yours'", "Mine")

@@ -34,10 +34,9 @@ from pilotid.support.disk import (
     strict_json,
     write_file,
 )
-from pilotid.support.format import Line, show
+from pilotid.support.format import Line, make_console, show, show_warning, with_bar
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
 from pilotid.support.remarks import OF_STICK, codes_in
-from pilotid.support.terminal import make_console, show_warning, with_bar
 from pilotid.support.types import InputError
 
 #: What `list` shows first; all else is under "more".
@@ -325,7 +324,7 @@ def infer(
         sampled_parameters,
     )
     from pilotid.report.posterior import print_posterior, write_posterior
-    from pilotid.support.terminal import share_bar
+    from pilotid.support.format import share_bar
 
     method = Bayes(effective=2000.0)
     rng = fit_rng(seed, method.name)

@@ -15,9 +15,8 @@ from pilotid.model.element import element_named
 from pilotid.naming.settings import split_list
 from pilotid.recording.files import Reading, load_recording, read_with
 from pilotid.support import disk
-from pilotid.support.format import Line, show, table
+from pilotid.support.format import Line, make_console, show, table, with_bar
 from pilotid.support.numbers import DEFAULT_SEED
-from pilotid.support.terminal import make_console, with_bar
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:

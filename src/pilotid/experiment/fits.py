@@ -44,10 +44,10 @@ from pilotid.naming.settings import plain
 from pilotid.recording.files import Reading
 from pilotid.recording.recording import Recording
 from pilotid.recording.windows import of_runs, span_of
+from pilotid.support.format import with_bar
 from pilotid.support.numbers import fit_rng
 from pilotid.support.remarks import remark_of
 from pilotid.support.store import Rows
-from pilotid.support.terminal import with_bar
 from pilotid.support.types import InputError, one_line
 
 #: Seconds that all fits of a model to a recording may take.

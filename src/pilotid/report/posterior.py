@@ -16,8 +16,7 @@ from pilotid.posterior.predictive import PredictiveBand
 from pilotid.report.fit import figures_of, words_of
 from pilotid.report.page import Figure, render, save_figures
 from pilotid.support.disk import strict_json, table_bytes, write_file
-from pilotid.support.format import Line, Table, show, table, to_error
-from pilotid.support.terminal import make_console
+from pilotid.support.format import Line, Table, make_console, show, table, to_error
 
 CSV_COLUMNS = (
     *("quantity", "unit", "mean", "std", "equal_tailed_lower", "equal_tailed_upper"),

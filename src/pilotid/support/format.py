@@ -10,18 +10,22 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import compress
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from pilotid.support.terminal import PLAIN_WIDTH
-from pilotid.support.types import printable
+from pilotid.support.types import one_line, printable
 
 if TYPE_CHECKING:
     from markupsafe import Markup
     from rich.console import Console
     from rich.table import Table as RichTable
+
+T = TypeVar("T")
 
 # numbers
 
@@ -124,6 +128,7 @@ LATEX = {
 STYLES = {"heading": "bold", "warning": "yellow", "failure": "red"}
 #: Columns between columns of a table, and width to which those of words may be folded.
 GAP, FOLDED = 3, 16
+PLAIN_WIDTH = 120  # columns of output that does not go to a terminal
 
 
 def clean(text: str) -> str:
@@ -420,3 +425,40 @@ def _rich(table: Table, encoding: str, places: Sequence[int]) -> RichTable:
     for row in table.rows:
         found.add_row(*(plain(row[place]).replace("±", sign) for place in places))
     return found
+
+
+def make_console(*, errors: bool = False) -> Console:
+    """A console that neither colours nor breaks lines where it does not face a terminal."""
+    from rich.console import Console
+
+    console = Console(stderr=errors, highlight=False, markup=False, emoji=False)
+    if not console.is_terminal:
+        asked = os.environ.get("COLUMNS", "")
+        width = int(asked) if asked.isdecimal() and int(asked) else PLAIN_WIDTH
+        console = Console(stderr=errors, highlight=False, markup=False, emoji=False, width=width)
+    return console
+
+
+@contextmanager
+def share_bar(what: str) -> Iterator[Callable[[float], None]]:
+    """A bar on standard error, if that is a terminal, that is told the share that is done."""
+    from rich.progress import Progress
+
+    console = make_console(errors=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(what, total=1.0)
+        yield lambda share: progress.update(task, completed=share)
+
+
+def with_bar(items: Iterable[T], what: str, total: int) -> Iterator[T]:
+    """The items, with a bar on standard error while they come, if that is a terminal."""
+    from rich.progress import track
+
+    console = make_console(errors=True)
+    hidden = not console.is_terminal or total < 2
+    yield from track(items, what, total, console=console, transient=True, disable=hidden)
+
+
+def show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    """Print a warning as one sentence."""
+    sys.stderr.write(f"pilotid: {category.__name__}: {one_line(str(message))}\n")
