@@ -21,9 +21,9 @@ import pilotid
 from pilotid.datasets import simulate
 from pilotid.experiment.files import fields_of, parts_of
 from pilotid.experiment.fits import Answer, Task
-from pilotid.jobs import Loss
 from pilotid.model.loops import margins
 from pilotid.recording.files import save_recording
+from pilotid.support.jobs import Loss
 from pilotid.support.numbers import recording_rng
 from pilotid.support.types import InputError
 

@@ -368,7 +368,7 @@ def test_methods_and_scenarios_come_from_code_and_with_settings(
         keys = {(row["scenario"], row["method"]) for row in csv.DictReader(stream)}
     labels = ("mle-white", "mle-white(candidates=3, refined=1)", "mine(candidates=2)")
     assert keys == {(s, m) for s in ("one", "two", "single-runs-2") for m in labels}
-    typed = f"--scenario '{own}:TWO,single(runs=2)'"
+    typed = f"--scenario '{own}:ONE,{own}:TWO,single(runs=2)'"
     assert typed in (out / "report.md").read_text(encoding="utf-8")
 
 

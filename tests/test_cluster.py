@@ -21,8 +21,8 @@ from pilotid.cli.main import main
 main()
 """
 OTHER_CODE = """
-import pilotid.jobs
-pilotid.jobs.own_digest = lambda: "0ther"
+import pilotid.support.jobs
+pilotid.support.jobs.own_digest = lambda: "0ther"
 """
 
 Process = subprocess.Popen[str]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from pilotid.jobs import Loss, run_tasks
+from pilotid.support.jobs import Loss, run_tasks
 from pilotid.support.types import InputError
 
 

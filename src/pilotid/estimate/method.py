@@ -24,12 +24,11 @@ from pilotid.estimate.loops import Loops
 from pilotid.estimate.parts import AnalysedBand
 from pilotid.estimate.warnings import all_remarks
 from pilotid.model.model import PilotModel
-from pilotid.naming.code import reason
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import NotMultisineError, forcing_sines
 from pilotid.support.numbers import fit_rng, require_settings
 from pilotid.support.remarks import Remark, gravest_first, remark_of, remarks_json, without
-from pilotid.support.types import InputError, one_line
+from pilotid.support.types import InputError, one_line, reason
 
 if TYPE_CHECKING:
     from pilotid.element_fit import ElementChoice

@@ -35,20 +35,20 @@ from pilotid.experiment.results import (
     choices_of,
     results_of,
 )
-from pilotid.jobs import Loss, processors, run_tasks
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.fourier import first_step_of
 from pilotid.model.model import PilotModel
-from pilotid.naming.code import code_digest, own_digest, packed, reason, unpacked
+from pilotid.naming.code import code_digest, packed, unpacked
 from pilotid.naming.settings import plain
 from pilotid.recording.files import Reading
 from pilotid.recording.recording import Recording
 from pilotid.recording.windows import of_runs, span_of
 from pilotid.support.format import with_bar
+from pilotid.support.jobs import Loss, own_digest, processors, run_tasks
 from pilotid.support.numbers import fit_rng
 from pilotid.support.remarks import remark_of
 from pilotid.support.store import Rows
-from pilotid.support.types import InputError, one_line
+from pilotid.support.types import InputError, one_line, reason
 
 #: Seconds that all fits of a model to a recording may take.
 TIME_LIMIT = 3600.0

@@ -26,9 +26,9 @@ from pilotid.model.factors import (
     Neuromuscular,
 )
 from pilotid.model.model import PilotModel
-from pilotid.naming.code import is_place, load_object, reason
+from pilotid.naming.code import is_place, load_object
 from pilotid.naming.settings import from_catalogue, name_of, require_name
-from pilotid.support.types import InputError
+from pilotid.support.types import InputError, reason
 
 
 def _visual(*factors: Factor | Changing) -> Channel:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import copyreg
 import dataclasses
-import functools
 import hashlib
 import importlib
 import inspect
@@ -17,13 +16,12 @@ import pickle
 import re
 import sys
 from collections.abc import Iterable
-from importlib.util import find_spec
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
 from pilotid.naming.settings import configured, split_call
-from pilotid.support.types import InputError
+from pilotid.support.types import InputError, reason
 
 #: ``file.py:NAME`` or ``package.module:NAME``; a drive letter is no such thing.
 PLACE = re.compile(r"(?P<module>.{2,}):(?P<name>[^\W\d]\w*(\.[^\W\d]\w*)*)", re.DOTALL)
@@ -63,11 +61,6 @@ def load_object(text: str) -> Any:
             raise InputError(f"{place}: holds no '{name}'; it has {', '.join(there[-20:])}")
         thing = getattr(thing, name)
     return configured(thing, settings, text)
-
-
-def reason(error: BaseException) -> str:
-    """An exception in words."""
-    return f"{type(error).__name__}: {error}".removesuffix(": ")
 
 
 def _module(where: str) -> ModuleType:
@@ -150,15 +143,6 @@ def _pickled(thing: object) -> tuple[bytes, set[Any]]:
             "numbers, words and dataclasses"
         ) from error
     return stream.getvalue(), found
-
-
-@functools.cache
-def own_digest() -> str:
-    """A short digest of this package's source."""
-    found = [find_spec(name) for name in ("pilotid", "pilotid.methods", "pilotid.datasets")]
-    folders = [f for spec in found if spec for f in spec.submodule_search_locations or ()]
-    files = [file for folder in folders for file in sorted(Path(folder).rglob("*.py"))]
-    return _digest(file.read_bytes() for file in files)
 
 
 def code_digest(thing: object) -> str:

@@ -20,7 +20,6 @@ from pilotid.datasets import scenario_named
 from pilotid.datasets.named import truth
 from pilotid.estimate.estimate import Outcome
 from pilotid.model.model import PilotModel
-from pilotid.naming.code import reason
 from pilotid.naming.settings import name_of
 from pilotid.recording.files import save_recording
 from pilotid.recording.recording import Recording
@@ -28,7 +27,7 @@ from pilotid.study.run import recorded, recording_of, scenario_of, started, with
 from pilotid.study.table import OF_METHODS, Entry, Fit, Store
 from pilotid.support.disk import make_folder, require_file, require_folder, strict_json, write_file
 from pilotid.support.store import number
-from pilotid.support.types import InputError
+from pilotid.support.types import InputError, reason
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -20,12 +20,12 @@ from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.scenarios import PILOT_AT_REST, PILOT_IN_MOTION
 from pilotid.datasets.stored import folder_of, recordings_in
 from pilotid.estimate.method import identify
-from pilotid.jobs import Loss, run_tasks
 from pilotid.methods import method_named
 from pilotid.model.catalogue import MULTI, SINGLE
 from pilotid.model.loops import is_stable
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import load_recording
+from pilotid.support.jobs import Loss, run_tasks
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng
 from pilotid.support.types import FloatArray
 

@@ -17,17 +17,17 @@ from pilotid.datasets.named import AnyScenario
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import Method, identify
 from pilotid.estimate.warnings import LEFT_OPEN
-from pilotid.jobs import Loss
 from pilotid.methods import label_of
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
-from pilotid.naming.code import reason, unpacked
+from pilotid.naming.code import unpacked
 from pilotid.recording.recording import Recording
 from pilotid.study.table import Fit
+from pilotid.support.jobs import Loss
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng, start_rng
 from pilotid.support.remarks import codes_of
 from pilotid.support.store import Key, number
-from pilotid.support.types import one_line
+from pilotid.support.types import one_line, reason
 
 #: Outcomes that another try may mend; an error that the code makes comes again.
 OUTSIDE = (Outcome.CRASHED, Outcome.OUT_OF_MEMORY, Outcome.TIMED_OUT, Outcome.DIED)

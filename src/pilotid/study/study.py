@@ -20,9 +20,8 @@ from pilotid.datasets import CATALOGUE, AnyScenario, Population, scenario_named,
 from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.estimate.method import Method
-from pilotid.jobs import TIME_LIMIT, run_tasks
 from pilotid.methods import METHODS, label_of, method_named
-from pilotid.naming.code import code_digest, own_digest, packed, reason
+from pilotid.naming.code import code_digest, packed
 from pilotid.naming.settings import labelled, plain
 from pilotid.study import paper
 from pilotid.study.run import (
@@ -36,9 +35,10 @@ from pilotid.study.run import (
 )
 from pilotid.study.table import OF_METHODS, OF_SCENARIOS, Comparison, Entry, Fit, Store
 from pilotid.support.disk import make_folder
+from pilotid.support.jobs import TIME_LIMIT, own_digest, run_tasks
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.store import Key
-from pilotid.support.types import InputError
+from pilotid.support.types import InputError, reason
 
 LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
 

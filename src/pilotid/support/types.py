@@ -42,6 +42,11 @@ def one_line(text: str) -> str:
     return text if len(text) <= LONGEST_MESSAGE else f"{text[:LONGEST_MESSAGE]} ..."
 
 
+def reason(error: BaseException) -> str:
+    """An exception in words."""
+    return f"{type(error).__name__}: {error}".removesuffix(": ")
+
+
 class InputError(ValueError):
     """The user's input cannot be used; the message says what, where and what to do.
 

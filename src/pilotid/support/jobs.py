@@ -6,6 +6,7 @@ A task whose process dies or that takes too long is given up, and costs the othe
 from __future__ import annotations
 
 import enum
+import hashlib
 import logging
 import os
 import signal
@@ -13,15 +14,16 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
+from functools import cache, partial
+from importlib.util import find_spec
 from itertools import chain, islice
 from multiprocessing import spawn
 from multiprocessing.context import SpawnContext, SpawnProcess
+from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
-from pilotid.naming.code import own_digest, reason
-from pilotid.support.types import InputError
+from pilotid.support.types import InputError, reason
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
@@ -106,6 +108,15 @@ def processors() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+@cache
+def own_digest() -> str:
+    """A short digest of this package's source."""
+    found = [find_spec(name) for name in ("pilotid", "pilotid.methods", "pilotid.datasets")]
+    folders = [f for spec in found if spec for f in spec.submodule_search_locations or ()]
+    files = [file for folder in folders for file in sorted(Path(folder).rglob("*.py"))]
+    return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
 # ------------------------------------------------------------------------- local processes
