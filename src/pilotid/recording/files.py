@@ -46,15 +46,10 @@ def parse_mapping(text: str) -> dict[str, str]:
     InputError
         For anything but such pairs, an unknown signal, or one given twice.
     """
-    mapping: dict[str, str] = {}
-    for pair in text.split(","):
-        signal, equals, name = (part.strip() for part in pair.partition("="))
-        if not equals or signal in mapping:
-            raise InputError(
-                f"the mapping {shown(text)}: {shown(pair)} must be SIGNAL=NAME, every signal once; "
-                "write for example u=stick,e=err"
-            )
-        mapping[signal] = name
+    pairs = [pair.partition("=") for pair in text.split(",")]
+    mapping = {signal.strip(): name.strip() for signal, _, name in pairs}
+    if len(mapping) < len(pairs):
+        raise InputError(f"the mapping {shown(text)} names a signal twice; name each once")
     places_of(mapping, ())
     return mapping
 

@@ -116,8 +116,8 @@ def places_of(mapping: Mapping[str, str] | None, extra: Iterable[str]) -> Places
         factor, name = places[signal] = factor_of(choice)
         if not name or not (np.isfinite(factor) and factor):
             raise InputError(
-                f"the mapping {signal}={choice} names nothing; write {signal}=NAME or "
-                f"{signal}=-3.5*NAME with the file's name for that signal"
+                f"the mapping {signal}={choice} names nothing; write SIGNAL=NAME or "
+                "SIGNAL=-3.5*NAME with the file's name for that signal"
             )
     return places
 
@@ -340,17 +340,15 @@ def _time_base(
                 f"{source}: the time of run {1 + int(np.argmin(alike))} differs from that of the "
                 "first; give all runs the same times"
             )
-        if not steps.min() > 0.0:
-            raise InputError(
-                f"{source}: the time does not increase at {where(int(np.argmin(steps > 0.0)) + 1)};"
-                " remove repeated rows, and give repeated runs a column or a run number each"
-            )
-        if not np.abs(t - np.linspace(t[0], t[-1], t.size)).max() <= UNEVENNESS * dt < np.inf:
+        off = np.abs(t - np.linspace(t[0], t[-1], t.size)).max()
+        if not (off <= UNEVENNESS * dt and 0.0 < dt < np.inf):
             usual = float(np.median(steps))
-            worst = int(np.argmax(np.abs(steps - usual)))
+            increasing = steps.min() > 0.0
+            worst = int(np.argmax(np.abs(steps - usual)) if increasing else np.argmin(steps))
             raise InputError(
                 f"{source}: the time steps by {steps[worst]:.6g} s at {where(worst + 1)} but by "
-                f"{usual:.6g} s elsewhere; resample the recording to even steps"
+                f"{usual:.6g} s elsewhere; remove repeated rows, give repeated runs a column or a "
+                "run number each, or resample to even steps"
             )
         rate = float(np.rint(1.0 / np.float64(dt)))
         dt = 1.0 / rate if abs(dt * rate - 1.0) <= SNAP else dt
