@@ -380,7 +380,7 @@ def test_fit_and_simulate_take_code_and_settings_too(run: Run, own: Path, tmp_pa
     assert names == ["arx", "arx(memory=none)", "mine"]
     values = [e["parameters"]["tdvis"]["value"] for e in result["estimates"]]
     assert len(set(values)) == 3
-    refused(run("simulate", f"{own}:TWO", "--out", csv_file), "one, two", "name one of them")
+    refused(run("simulate", f"{own}:TWO", "--out", csv_file), "is no Scenario and no Population")
     refused(run(*fit, "arx(memory=x)"), "memory=x: input should be a valid number")
     refused(run(*fit, "arx(memory=1"), "not closed")
     refused(run(*fit, f"{own}:Yours"), "holds no 'Yours'", "Mine")
