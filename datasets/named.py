@@ -80,17 +80,7 @@ def scenario_json(scenario: Scenario) -> dict[str, Any]:
     """A scenario with sums of sines as plain objects, its model by name.
 
     `designed_scenario` reads it again where the model is one of the catalogue.
-
-    Raises
-    ------
-    InputError
-        If it has other forcing functions, or a violation of assumptions.
     """
-    for name in ("target", "disturbance"):
-        if not isinstance(getattr(scenario, name), Multisine | None):
-            raise InputError(f"scenario {scenario.name}: its {name} is no sum of sines")
-    if scenario.violation is not None:
-        raise InputError(f"scenario {scenario.name}: a design has no violation of assumptions")
     entry = plain(scenario)
     for name in ("class", "violation", "family", "start_spread", "one_recording"):
         entry.pop(name)

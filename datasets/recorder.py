@@ -24,12 +24,11 @@ from pilotid.support.types import FloatArray, InputError, IntArray
 #: A loop is simulated so many times as fast as it is recorded, so that the filter is that of
 #: continuous signals.
 FASTER = 4
-SAME_SIGNAL = (
-    0.02  # rms of the difference of two signals, over their own, up to which they are the same
-)
+#: rms of the difference of two signals, over their own, up to which they are the same.
+SAME_SIGNAL = 0.02
 RETURN_SECONDS = 5.0  # seconds in which a signal without whole periods returns to where it began
 SMALLEST_LINE = 1e-3  # a line is kept if its amplitude is at least this share of the largest one
-QUIET_NOISE = 1e-4  # share of a signal's rms below which a recorder's noise is left out
+FAINT = 1e-4  # share of a signal's rms below which a recorder's noise is left out
 SIGNALS = ("e", "u", "x", "ft", "fd")
 
 
@@ -228,15 +227,11 @@ def recorded_remnant(
 def recorded_noise(recording: Recording) -> Recorder | None:
     """A recorder with the floors of e and x; that of u is part of the remnant's spectrum."""
     floor, nyquist = floors_of(recording).floor, math.pi / recording.dt
-    made = _rms(recording.e + recording.x - recording.input("ft")) < QUIET_NOISE * _rms(recording.e)
+    made = _rms(recording.e + recording.x - recording.input("ft")) < FAINT * _rms(recording.e)
     made = made and recording.ft is not None
     error, output = (
         math.sqrt(floor[name] * nyquist) / max(_rms(getattr(recording, name)), 1e-300)
         for name in ("e", "x")
     )
-    noise = (
-        0.0 if made or error < QUIET_NOISE else error,
-        0.0,
-        0.0 if output < QUIET_NOISE else output,
-    )
+    noise = (0.0 if made or error < FAINT else error, 0.0, 0.0 if output < FAINT else output)
     return Recorder(noise=noise, makes_error=made) if any(noise) else None

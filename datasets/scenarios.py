@@ -102,10 +102,6 @@ class ElementChange:
     middle: float
     rate: float
 
-    def share(self, time: FloatArray) -> FloatArray:
-        """How much of the change has passed at some times [s], 0 to 1, shape (n,)."""
-        return np.asarray(0.5 + 0.5 * np.tanh(0.5 * self.rate * (time - self.middle)))
-
 
 @dataclass(frozen=True)
 class Scenario:

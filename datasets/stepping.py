@@ -16,7 +16,7 @@ import numpy as np
 
 from pilotid.datasets.scenarios import ElementChange, Scenario
 from pilotid.datasets.signals import samples_of
-from pilotid.model.channel import Changing, Channel
+from pilotid.model.channel import Changing, Channel, share_passed
 from pilotid.model.element import ControlledElement
 from pilotid.support.types import FloatArray, InputError, IntArray
 
@@ -229,7 +229,7 @@ class SteppedElement:
                 "elements that change must be a gain over polynomials of one order that begin "
                 "with 1, without delay"
             )
-        share = change.share(time + 0.5 * h)
+        share = share_passed(time + 0.5 * h, np.array([change.middle, change.rate]))
         # The coefficients keep their value for most of the time.
         shares, self._which = np.unique(share, return_inverse=True)
         gains = np.array([element.numerator[0] for element in ends])

@@ -93,7 +93,7 @@ class Changing:
         values
             Sets of the change's parameters, shape (..., parameters).
         """
-        return product_of(self._coefficients(_at(values, _share(time, values))))
+        return product_of(self._coefficients(_at(values, share_passed(time, values))))
 
     def modulated(
         self, signals: FloatArray, time: FloatArray, values: FloatArray
@@ -113,7 +113,7 @@ class Changing:
         -------
         Arrays of shape (sets, runs, n) and (sets, parameters, runs, n).
         """
-        share = _share(time, values)
+        share = share_passed(time, values)
         own = _at(values, share)
         by_own = [
             _weighted(product_of(self._coefficients(own, by=i)), signals) for i in range(len(own))
@@ -220,7 +220,7 @@ class Channel:
         return next((f for f in self.factors if isinstance(f, Changing)), None)
 
 
-def _share(time: FloatArray, values: FloatArray) -> FloatArray:
+def share_passed(time: FloatArray, values: FloatArray) -> FloatArray:
     """How much of the change has passed, 0 to 1, shape (..., n)."""
     middle, rate = values[..., -2, None], values[..., -1, None]
     return np.asarray(0.5 + 0.5 * np.tanh(0.5 * rate * (time - middle)))

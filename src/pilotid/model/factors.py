@@ -290,7 +290,7 @@ class Gain(Polynomial):
 
 @dataclass(frozen=True)
 class TimeFactor(Factor):
-    """A factor with one parameter in seconds.
+    """A factor with one parameter in seconds: `Lead`, `Lag`, `Delay`, `LookAhead`.
 
     Attributes
     ----------
