@@ -537,9 +537,7 @@ class PilotModel:
         def fixed(factor: Factor | Changing) -> Factor | Changing:
             keys = [p.key for p in factor.parameters if p.key in values]
             if keys and isinstance(factor, Changing):
-                raise InputError(
-                    f"{keys[0]} of model {self.name} varies in time: it cannot be held"
-                )
+                raise InputError(f"{keys[0]} varies in time, and cannot be held at a value")
             constants = tuple((key, float(values[key])) for key in keys)
             if isinstance(factor, Held):
                 return Held(factor.factor, factor.held + constants)
