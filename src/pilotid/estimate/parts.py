@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import LEVEL
 from pilotid.support.remarks import Grade, Remark
 from pilotid.support.types import ComplexArray, FloatArray
 
@@ -205,8 +206,12 @@ class Specification:
     @property
     def sentence(self) -> str:
         """The test in words."""
-        verb = "consistent with" if self.agrees else "contradicts"
-        return f"specification: {verb} {self.against} (p = {self.p_value:.2g})"
+        p = f"{self.against} (p = {self.p_value:.2g})"
+        if not self.agrees:
+            return f"specification: contradicts {p}"
+        if self.p_value < LEVEL:
+            return f"specification: differs at the 5 % level, but not clearly, from {p}"
+        return f"specification: no significant difference from {p}"
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
