@@ -252,23 +252,25 @@ class Quantity:
         return f"{self.key} = {value}{unit}" + (f", 95 % {interval}" if interval else "")
 
 
+#: Estimates side by side in a table, as many as a usual terminal and a page of paper hold.
+ABREAST = 2
+
+
 def quantity_tables(
-    estimates: Sequence[tuple[str, Sequence[Quantity]]], abreast: int, what: str = "parameter"
+    estimates: Sequence[tuple[str, Sequence[Quantity]]], what: str = "parameter"
 ) -> list[Table]:
-    """Tables of quantities, two columns for each estimate, so many estimates in a table.
+    """Tables of quantities, two columns for each estimate, two estimates in each.
 
     Parameters
     ----------
     estimates
         A name, and quantities with the same keys for all.
-    abreast
-        How many estimates a table has.
     what
         What the rows are.
     """
     tables = []
-    for begin in range(0, len(estimates), abreast):
-        some = estimates[begin : begin + abreast]
+    for begin in range(0, len(estimates), ABREAST):
+        some = estimates[begin : begin + ABREAST]
         titles = [what, "unit"]
         columns: list[list[str]] = [[getattr(q, a) for q in some[0][1]] for a in ("key", "unit")]
         for name, quantities in some:
@@ -285,11 +287,6 @@ def frame_of(quantities: Sequence[Quantity]) -> DataFrame:
 
     columns = ["parameter", "unit", "value", "std_error", "lower_95", "upper_95", "determined"]
     return DataFrame([astuple(q)[: len(columns)] for q in quantities], columns=columns)
-
-
-def abreast(width: int) -> int:
-    """How many estimates stand side by side in a terminal of this width."""
-    return max(1, (width - 20) // 40)  # an estimate takes some 40 characters
 
 
 def spans_decade(lower: FloatArray | float, upper: FloatArray | float) -> BoolArray:

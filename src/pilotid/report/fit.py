@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pilotid.estimate.method import Fitted
-from pilotid.estimate.quantities import abreast as beside
 from pilotid.estimate.quantities import quantity_tables
 from pilotid.model.element import ControlledElement, parsed_element
 from pilotid.plots import plots
@@ -21,9 +20,6 @@ from pilotid.support.remarks import counted_grades
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-#: Estimates side by side in a table, as many as a page of paper holds.
-ABREAST = 3
 
 
 def html_report(fits: Sequence[Fitted]) -> str:
@@ -37,7 +33,7 @@ def html_report(fits: Sequence[Fitted]) -> str:
     shown = []
     for number, fit in enumerate(fits, start=1):
         figures = [replace(figure, name=f"{figure.name}-{number}") for figure in figures_of(fit)]
-        content = {**words_of(fit), **tables_of(fit, ABREAST)}
+        content = {**words_of(fit), **tables_of(fit)}
         shown.append({"key": f"recording-{number}", **content, "figures": figures})
     contents = [(own["key"], own["heading"]) for own in shown]
     return render("fit.html", title="Identified pilot models", contents=contents, fits=shown)
@@ -54,16 +50,8 @@ def words_of(fit: Fitted) -> dict[str, Any]:
     }
 
 
-def tables_of(fit: Fitted, abreast: int) -> dict[str, Any]:
-    """The numbers of a fit and what is said beside them, for pages and the terminal.
-
-    Parameters
-    ----------
-    fit
-        What was fitted.
-    abreast
-        How many estimates stand side by side.
-    """
+def tables_of(fit: Fitted) -> dict[str, Any]:
+    """The numbers of a fit and what is said beside them, for pages and the terminal."""
     known = [(e.method, e.quantities) for e in fit.estimates if np.isfinite(e.values).any()]
     return {
         "specifications": [
@@ -71,9 +59,9 @@ def tables_of(fit: Fitted, abreast: int) -> dict[str, Any]:
             for e in fit.estimates
             if e.specification
         ],
-        "tables": quantity_tables(known, abreast),
+        "tables": quantity_tables(known),
         "held": fit.model.held_words,
-        **_loops(fit, abreast),
+        **_loops(fit),
     }
 
 
@@ -84,7 +72,7 @@ def _warned(fit: Fitted) -> str:
     return f"{counted_grades(fit.graded)}: {what}"
 
 
-def _loops(fit: Fitted, abreast: int) -> dict[str, Any]:
+def _loops(fit: Fitted) -> dict[str, Any]:
     """With what element loops were drawn, or why with none, their quantities, and notes."""
     own = fit.loop_element
     pairs = zip(fit.estimates, fit.loops, strict=False)  # without an element there are no loops
@@ -96,7 +84,7 @@ def _loops(fit: Fitted, abreast: int) -> dict[str, Any]:
     ]
     return {
         "element": "" if own is None else own.words if known else own.why,
-        "loops": quantity_tables(tabled, abreast, "loop"),
+        "loops": quantity_tables(tabled, "loop"),
         "loop_notes": [f"{method}: {note}" for method, loops in known for note in loops.notes],
     }
 
@@ -113,7 +101,7 @@ def print_fit(fit: Fitted, console: Console, said: Container[str] = ()) -> None:
     said
         Codes of remarks that were printed already and are not printed again.
     """
-    found = tables_of(fit, beside(console.width))
+    found = tables_of(fit)
     remarks = {r: about for r, about in fit.graded.items() if r.code not in said}
     notes = dict.fromkeys(remark.code for remark in remarks if remark.grade == "note")
     show(
