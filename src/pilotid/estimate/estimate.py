@@ -267,7 +267,7 @@ class Estimate:
         """All quantities, verdict and remarks, as `pilotid fit` prints them."""
         lines = []
         if np.isfinite(self.values).any():
-            (table,) = quantity_tables([(self.method, self.quantities)], 1)
+            (table,) = quantity_tables([(self.method, self.quantities)])
             lines += [as_text(table), ""]
         tested = [self.specification.sentence] if self.specification else []
         return "\n".join([*lines, *self.model.held_words, *tested, self.verdict(), *self.remarks])
