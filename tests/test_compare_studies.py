@@ -11,7 +11,15 @@ import pytest
 from helpers import Run
 from stores import finish
 
-from pilotid.study.table import METHODS, SCENARIOS, Entry, Fit, Store, find_changes, read_study
+from pilotid.study.table import (
+    OF_METHODS,
+    OF_SCENARIOS,
+    Entry,
+    Fit,
+    Store,
+    find_changes,
+    read_study,
+)
 from pilotid.support.types import InputError
 
 REPLICATIONS = 25
@@ -40,7 +48,7 @@ def changed(
     with Store(first) as store, Store(folder, create=True) as other:
         other.describe({**store.about(), "seed": seed})
         other.enter(
-            map(scenario, store.entries(SCENARIOS).values()), store.entries(METHODS).values()
+            map(scenario, store.entries(OF_SCENARIOS).values()), store.entries(OF_METHODS).values()
         )
         for result in store.fits():
             edited = edit(result)

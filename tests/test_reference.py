@@ -163,7 +163,10 @@ def test_functions_explain_parameters_and_shapes() -> None:
 def test_classes_explain_their_fields() -> None:
     lacking = []
     for name in [n for n in ENTRIES if is_dataclass(thing(n))]:
-        known = named(inspect.getdoc(thing(name)) or "", "Attributes", "Parameters")
+        docs = [kind.__doc__ or "" for kind in thing(name).__mro__]
+        known = {
+            f for doc in docs for f in named(inspect.cleandoc(doc), "Attributes", "Parameters")
+        }
         own = [f.name for f in fields(thing(name)) if not f.name.startswith("_")]
         lacking += [f"{name}: {field}" for field in own if field not in known]
     assert not lacking, "; ".join(lacking)
