@@ -36,12 +36,10 @@ import numpy as np
 from pilotid.estimate.applicability import one_signal
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.warnings import is_vague
-from pilotid.likelihood.estimates import make_estimate
+from pilotid.likelihood.estimates import make_estimate, too_short
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.output_error import too_short
 from pilotid.likelihood.remnant_models import LowPass
-from pilotid.likelihood.search import maximise_likelihood
-from pilotid.likelihood.settings import LikelihoodSettings
+from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.model import PilotModel
 from pilotid.posterior.likelihood import Marginal, Posterior, Prior, priors_of
 from pilotid.posterior.sampling import sample
@@ -68,8 +66,8 @@ class Bayes(LikelihoodSettings):
 
     Attributes
     ----------
-    search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.likelihood.settings.LikelihoodSettings`.
+    band, wide, noise, loop, weighed
+        See `pilotid.likelihood.search.LikelihoodSettings`.
     likelihood
         ``remnant`` whitens by the remnant's spectrum, ``white`` takes the residual for white.
     prior

@@ -29,8 +29,7 @@ from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.likelihood.diagnostics import fit_remarks, tested_specification
 from pilotid.likelihood.estimates import make_estimate
 from pilotid.likelihood.profile import profile_likelihood, with_profile
-from pilotid.likelihood.search import maximise_likelihood
-from pilotid.likelihood.settings import LikelihoodSettings
+from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 
@@ -44,8 +43,8 @@ class MLE(LikelihoodSettings):
 
     Attributes
     ----------
-    search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.likelihood.settings.LikelihoodSettings`.
+    band, wide, noise, loop, weighed
+        See `pilotid.likelihood.search.LikelihoodSettings`.
     """
 
     name: ClassVar[str] = "mle"

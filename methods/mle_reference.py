@@ -34,8 +34,7 @@ from pilotid.estimate.applicability import varying
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.likelihood.estimates import make_estimate
 from pilotid.likelihood.instruments import Moments, forcing_functions, references
-from pilotid.likelihood.search import maximise_likelihood
-from pilotid.likelihood.settings import LikelihoodSettings
+from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.loops import is_stable
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
@@ -51,8 +50,8 @@ class MLEReference(LikelihoodSettings):
 
     Attributes
     ----------
-    search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.likelihood.settings.LikelihoodSettings`: of the fit by ``mle`` that gives the
+    band, wide, noise, loop, weighed
+        See `pilotid.likelihood.search.LikelihoodSettings`: of the fit by ``mle`` that gives the
         remnant's spectrum and the instruments.
     """
 
@@ -85,9 +84,8 @@ class MLEReference(LikelihoodSettings):
         found = maximise_likelihood(recording, model, rng, self)
         element, _ = closing_element(recording)
         assert element is not None
-        values = found.pilot[None]
-        if not found.is_pilot and found.lines_pilot is not None:
-            values = found.lines_pilot
+        candidates = [found.pilot] if found.is_pilot else [*found.lines_pilot, found.pilot]
+        values = candidates[0][None]
         if not is_stable(model, values[0], element):
             why = f"the loop of the pilot and {element.name} is unstable: there are no instruments"
             return failed(self.name, model, Outcome.NOT_APPLICABLE, why)

@@ -30,7 +30,7 @@ from pilotid.likelihood.remnant_models import (
     NoiseModel,
     guess_parameters,
 )
-from pilotid.likelihood.search import first_fit, optimum_near
+from pilotid.likelihood.search import RemnantChoice, first_fit
 from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS
 from pilotid.model.element import double_integrator, element_named
@@ -200,7 +200,8 @@ def test_what_is_not_known_of_the_element_is_in_the_intervals() -> None:
     scenario, recording = recorded("nominal", noise=3e-4)
     settings = MLE(noise=LowPass(2))
     first = first_fit(recording, scenario.model, settings, scenario.values[None])
-    found = optimum_near(first.joint.prediction, scenario.values, settings)
+    choice = RemnantChoice(first.joint.prediction, scenario.values, settings.noise)
+    found = choice.full_fit().refined()
     prediction, joint = found.joint.prediction, found.joint
     weighting = prediction.weighting
     assert weighting is not None

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from control import TransferFunction
     from pandas import DataFrame
 
-    from pilotid.likelihood.scoring import Score
+    from pilotid.likelihood.estimates import Score
     from pilotid.recording.recording import Recording
 
 
@@ -338,7 +338,7 @@ class Estimate:
         recording
             Any recording that has the model's inputs, not only the one that was fitted.
         """
-        from pilotid.likelihood.scoring import simulated
+        from pilotid.likelihood.estimates import simulated
 
         return simulated(self, recording)
 
@@ -361,7 +361,7 @@ class Estimate:
         InputError
             If no remnant is known.
         """
-        from pilotid.likelihood.scoring import predicted
+        from pilotid.likelihood.estimates import predicted
 
         return predicted(self, recording, fitted_to)
 
@@ -374,7 +374,7 @@ class Estimate:
             As for `predict`; without a remnant the log score is NaN.  Methods are compared by log
             scores with `fitted_to`, where the remnant is modelled alike for all.
         """
-        from pilotid.likelihood.scoring import scored
+        from pilotid.likelihood.estimates import scored
 
         return scored(self, recording, fitted_to)
 

@@ -176,6 +176,8 @@ class Prediction:
         Length of the transform.
     first, scored
         Index of the first scored sample, and number of scored samples.
+    time
+        Time of the scored samples [s], shape (scored,).
     nuisance_poles
         Poles of the nuisance terms e^{pole t} [rad/s]: 0 for an offset, and the model's
         fixed poles for their free decay.
@@ -197,6 +199,7 @@ class Prediction:
     length: int
     first: int
     scored: int
+    time: FloatArray
     nuisance_poles: tuple[float, ...]
     fine: tuple[FineInput | None, ...]
     weighting: Weighting | None
@@ -628,6 +631,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         length=length,
         first=extension + prepared.first,
         scored=prepared.scored,
+        time=prepared.time[prepared.first : prepared.first + prepared.scored],
         nuisance_poles=(0.0, *model.fixed_poles),
         fine=fine,
         weighting=None,

@@ -137,11 +137,6 @@ class Prepared:
     scored: int
     time: FloatArray
 
-    @property
-    def scored_time(self) -> FloatArray:
-        """Time of the scored samples [s], shape (scored,)."""
-        return self.time[self.first : self.first + self.scored]
-
 
 def decimation(dt: float, band: float | None) -> int:
     """Largest whole factor that keeps the band below half the new sampling rate."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.parts import FrequencyResponse
-from pilotid.likelihood.diagnostics import Whitened, correlations, prediction_errors
+from pilotid.likelihood.estimates import Whitened, correlations, prediction_errors
 from pilotid.model.element import ControlledElement
 from pilotid.plots.responses import NO_UNITS, describing_function, open_loop
 from pilotid.plots.style import (
