@@ -53,9 +53,7 @@ def methods() -> dict[str, Method]:
             if method.name in known:
                 raise InputError(f"{entry.value}: there is a method '{method.name}' already")
             known[method.name] = method
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # packages of others may raise anything
+        except (Exception, SystemExit) as error:  # packages of others may raise anything
             warnings.warn(_left_out(entry, error), PluginWarning, stacklevel=2)
     return known
 

@@ -48,8 +48,7 @@ from pilotid.estimate.parts import AnalysedBand, FrequencyResponse
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.second_step import second_step
-from pilotid.solve.least_squares import minimise
-from pilotid.solve.search import search
+from pilotid.solve.least_squares import minimise, search
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.spectral.equations import Equations, are_pilots, pilots_first
 from pilotid.support.types import ComplexArray

@@ -37,7 +37,7 @@ from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.search import SEARCH_BAND
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.search import evolve
+from pilotid.solve.least_squares import evolve
 
 
 @dataclass(frozen=True)

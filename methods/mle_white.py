@@ -26,7 +26,7 @@ from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.search import CANDIDATES, REFINED, SEARCH_BAND
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.search import search
+from pilotid.solve.least_squares import search
 
 
 @dataclass(frozen=True)

@@ -189,7 +189,7 @@ class Library:
         ]
         lags = [(1, self._reach)] * len(self.inputs)
         regression = Regression(self.control, self.inputs, self._poles, lags, self._first)
-        return regression.best(structures, "bic")
+        return regression.best(structures, 1.0)
 
     def blocks(self, structure: Structure, length: float) -> list[FloatArray]:
         """Triangular factors of blocks of rows, none of which spans two runs.

@@ -18,8 +18,7 @@ from pilotid.likelihood.prediction import predict
 from pilotid.model.catalogue import MODELS, MULTI
 from pilotid.model.factors import Parameter
 from pilotid.model.model import PilotModel
-from pilotid.solve.least_squares import Gram, Minima, minimise, solve_linear
-from pilotid.solve.search import draw_starts, search
+from pilotid.solve.least_squares import Gram, Minima, draw_starts, minimise, search, solve_linear
 from pilotid.support.types import BoolArray, FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -28,8 +28,7 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import forcing_lines
 from pilotid.solve.covariance import covariance_of
-from pilotid.solve.least_squares import Problem, minimise
-from pilotid.solve.search import search
+from pilotid.solve.least_squares import Problem, minimise, search
 
 
 class Lines(Problem):

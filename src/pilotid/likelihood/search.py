@@ -50,8 +50,7 @@ from pilotid.likelihood.remnant_models import (
 )
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.least_squares import Minima, minimise, solve_linear
-from pilotid.solve.search import draw_starts, search
+from pilotid.solve.least_squares import Minima, draw_starts, minimise, search, solve_linear
 from pilotid.spectral.equations import are_pilots, fit_lines
 from pilotid.support.types import FloatArray
 

@@ -26,8 +26,7 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
-from pilotid.solve.least_squares import Minima, Problem, minimise, solve_linear
-from pilotid.solve.search import search
+from pilotid.solve.least_squares import Minima, Problem, minimise, search, solve_linear
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray
@@ -128,7 +127,7 @@ def fit_lines(
     starts
         Starts that are minimised beside the random ones, each of shape (parameters,).
     candidates, refined
-        Starts screened, and starts minimised, see `pilotid.solve.search.search`.
+        Starts screened, and starts minimised, see `pilotid.solve.least_squares.search`.
     same
         Largest relative change of the parameters in the last round.
     """
