@@ -51,10 +51,6 @@ class MLE(LikelihoodSettings):
     #: The method against which estimates are tested where there are no lines.
     against: ClassVar[str] = "mle-reference"
 
-    def objection(self, recording: Recording, model: PilotModel) -> str | None:
-        """None: any recording and any model will do."""
-        return None
-
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Estimate pilot and remnant together; intervals follow the profile likelihood.
 

@@ -199,7 +199,9 @@ def test_what_is_not_known_of_the_element_is_in_the_intervals() -> None:
     """To first order: the optimum with an element of 2 % more gain is where the factor says."""
     scenario, recording = recorded("nominal", noise=3e-4)
     settings = MLE(noise=LowPass(2))
-    first = first_fit(recording, scenario.model, settings, scenario.values[None])
+    first = first_fit(
+        recording, scenario.model, settings, scenario.values[None], np.random.default_rng(1)
+    )
     choice = RemnantChoice(first.joint.prediction, scenario.values, settings.noise)
     found = choice.full_fit().refined()
     prediction, joint = found.joint.prediction, found.joint

@@ -66,22 +66,15 @@ def drift_left(joint: Likelihood, values: FloatArray) -> tuple[float, FloatArray
     residual = prediction.without_nuisance(prediction.residual(pilot))
     flat = residual - np.outer(residual @ line, line) / (line @ line)
     taps = best_noise_model(flat, band).whitener(band)
-    rows = Likelihood(prediction, Whitener(taps)).rows(pilot[None])[0]
-    *jacobian, errors = rows.reshape(len(rows), -1)
-    own = np.array([column / (np.linalg.norm(column) or 1.0) for column in jacobian])
-    # What the pilot explains comes first; a line in each run then explains of the rest what it
-    # may.  Lines of two runs share no sample, and meet only in what the pilot takes of both.
-    basis = np.linalg.qr(own.T).Q
-    rest = errors - basis @ (basis.T @ errors)
-    across = line @ basis.reshape(prediction.runs, prediction.scored, -1)
-    seen = (line @ line) * np.eye(prediction.runs) - across @ across.T
-    along = rest.reshape(prediction.runs, prediction.scored) @ line
-    found = np.linalg.solve(seen, along)
-    explained = along @ found
-    freedom = errors.size - len(own) - prediction.runs
+    rows = Likelihood(prediction, Whitener(taps)).rows(pilot[None])[0].reshape(pilot.size + 1, -1)
+    # What the pilot explains comes first; a line in each run then explains what it may.
+    runs, errors = prediction.runs, rows[-1]
+    basis, triangle = np.linalg.qr(np.vstack([rows[:-1], np.kron(np.eye(runs), line)]).T)
+    along = basis.T @ errors
+    explained, left = along[-runs:] @ along[-runs:], errors @ errors - along @ along
     # Whitening makes a line of a line: it multiplies the slope by the sum of the taps.
-    drifts = np.asarray(found / np.sum(taps))
-    return float(explained * freedom / (rest @ rest - explained)), drifts
+    drifts = np.linalg.lstsq(triangle, along)[0][-runs:] / np.sum(taps)
+    return float(explained * (errors.size - along.size) / left), drifts
 
 
 def tested_specification(

@@ -535,22 +535,17 @@ class Prediction:
 
     def shifts(self, count: int) -> ComplexArray:
         """Responses of delays by 0 to `count` - 1 samples at the bins, shape (count, bins)."""
-        return (self._shifts if count <= REACH + 1 else self._far_shifts)[:count]
+        reach = REACH if count <= REACH + 1 else FAR
+        if reach not in self._shifts:
+            powers = np.ones((reach + 1, self.s.size), dtype=complex)
+            powers[1:] = np.exp(-self.s * self.dt)
+            self._shifts[reach] = np.asarray(np.cumprod(powers, axis=0), dtype=complex)
+        return self._shifts[reach][:count]
 
     @cached_property
-    def _shifts(self) -> ComplexArray:
-        """Responses of delays by 0 to REACH samples at the bins."""
-        return self._delays_to(REACH)
-
-    @cached_property
-    def _far_shifts(self) -> ComplexArray:
-        """The same up to FAR samples."""
-        return self._delays_to(FAR)
-
-    def _delays_to(self, samples: int) -> ComplexArray:
-        powers = np.ones((samples + 1, self.s.size), dtype=complex)
-        powers[1:] = np.exp(-self.s * self.dt)
-        return np.asarray(np.cumprod(powers, axis=0), dtype=complex)
+    def _shifts(self) -> dict[int, ComplexArray]:
+        """Responses that are known, by the longest delay in samples."""
+        return {}
 
     @property
     def nuisance_terms(self) -> FloatArray:

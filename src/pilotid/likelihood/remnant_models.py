@@ -21,9 +21,6 @@ from pilotid.estimate.parts import RemnantEstimate
 from pilotid.likelihood.prepare import FAR, REACH, Band, prediction_error_filters
 from pilotid.support.types import BoolArray, FloatArray
 
-SPECTRA = 64  # spectra evaluated at once: about what the processor's cache holds
-
-
 #: Bounds of the parameters of filters; autoregressive coefficients have none.
 BOUNDS = {"frequency": (0.2, 200.0), "damping": (0.05, 5.0), "corner": (0.05, 10.0)}
 
@@ -159,11 +156,8 @@ class LowPass(RemnantFamily):
         if self.order == 0:
             one = self.taps(values[:1], band)[0]
             return np.broadcast_to(one, (len(values), one.shape[1]))
-        filters = []
-        for begin in range(0, len(values), SPECTRA):
-            power, _ = self.power(band.folded[0], values[begin : begin + SPECTRA])
-            filters.append(prediction_error_filters(band.autocovariance(power, self.reach)))
-        return np.concatenate(filters)
+        power, _ = self.power(band.folded[0], values)
+        return prediction_error_filters(band.autocovariance(power, self.reach))
 
     def grid(self) -> tuple[FloatArray, ...]:
         """Values of each parameter, which together cover all spectra of the family."""

@@ -100,6 +100,10 @@ class LikelihoodSettings:
     loop: bool = True
     weighed: tuple[str, ...] = ()
 
+    def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """None: any recording and any model will do."""
+        return None
+
 
 def maximise_likelihood(
     recording: Recording,
@@ -168,7 +172,7 @@ def first_fit(
     model: PilotModel,
     settings: LikelihoodSettings,
     known: FloatArray,
-    rng: np.random.Generator | None = None,
+    rng: np.random.Generator,
 ) -> Optimum:
     """The best pilot with a second-order remnant, in the first band that is wide enough for it.
 
@@ -181,16 +185,14 @@ def first_fit(
     known
         Pilots to begin at, shape (pilots, parameters): that of the forcing functions' lines, say.
     rng
-        Draws starts for pilots of a white residual where what is known is unsound; None to begin
-        at what is known.
+        Draws starts for pilots of a white residual where what is known is unsound.
     """
-    pilots = known if rng is None or is_sound(model, known) else None
+    pilots = known if is_sound(model, known) else None
     for rate in _rates(recording, settings):
         prediction = predict(recording, model, rate)
         if settings.loop:
             prediction = weighted(prediction, recording, settings.weighed)
         if pilots is None:
-            assert rng is not None
             white = _whitened(prediction.binned.below(SEARCH_BAND), WHITE)
             ends = search(white.gram, model, rng, candidates=CANDIDATES, refined=REFINED)
             pilots = np.concatenate([ends.distinct(), known])

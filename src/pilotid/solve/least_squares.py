@@ -459,8 +459,6 @@ def search(
     known: FloatArray | None = None,
     candidates: int = 8,
     refined: int = 2,
-    tolerance: float = 1e-3,
-    iterations: int = 16,
 ) -> Minima:
     """Minimise from the best of several starts.
 
@@ -481,8 +479,6 @@ def search(
         Number of random points in the usual ranges that are screened.
     refined
         Number of starts that are minimised, the known optimum included.
-    tolerance, iterations
-        Passed to `minimise`; a start that needs more iterations is a bad one.
     """
     own = space.start[None] if known is None else known
     points = np.concatenate([own, draw_starts(space, rng, candidates)])
@@ -491,7 +487,8 @@ def search(
         cost[0] = -np.inf
     # A start that gives no number comes last.
     best = np.argsort(np.where(np.isnan(cost), np.inf, cost), kind="stable")[:refined]
-    return minimise(gram, points[best], space, tolerance=tolerance, iterations=iterations)
+    # A start that needs more iterations is a bad one.
+    return minimise(gram, points[best], space, tolerance=1e-3, iterations=16)
 
 
 def draw_starts(space: SearchSpace, rng: np.random.Generator, count: int) -> FloatArray:
@@ -512,7 +509,6 @@ def evolve(
     *,
     population: int,
     generations: int,
-    tolerance: float = 1e-3,
 ) -> Minima:
     """Minimise from the best point that differential evolution finds.
 
@@ -532,8 +528,6 @@ def evolve(
         Points for each parameter that evolves.
     generations
         Largest number of generations.
-    tolerance
-        Passed to `minimise`.
     """
     from scipy.optimize import Bounds as Box
     from scipy.optimize import differential_evolution
@@ -570,4 +564,4 @@ def evolve(
             vectorized=True,
             seed=rng,
         ).x
-    return minimise(gram, solved(best[None])[0], space, tolerance=tolerance)
+    return minimise(gram, solved(best[None])[0], space, tolerance=1e-3)
