@@ -63,7 +63,7 @@ from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.types import FloatArray
 
-LEAST_ROWS = 5.0  # rows of the regression for each of its coefficients
+MIN_ROWS = 5.0  # rows of the regression for each of its coefficients
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class ARX:
         prediction = predict(recording, model, self.band)
         dt = prediction.dt
         regression, used = self._first_step(prediction)
-        if regression.samples < LEAST_ROWS * used.parameters:
+        if regression.samples < MIN_ROWS * used.parameters:
             return failed(
                 self.name,
                 model,

@@ -63,34 +63,34 @@ class MLE(LikelihoodSettings):
         rng
             Draws the other starts.
         """
-        found = maximise_likelihood(recording, model, rng, self)
-        found, profile = profile_likelihood(found)
-        covariance = found.covariance
+        optimum = maximise_likelihood(recording, model, rng, self)
+        optimum, profile = profile_likelihood(optimum)
+        covariance = optimum.covariance
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
         estimate = make_estimate(
             self.name,
             recording,
             model,
-            found.pilot,
+            optimum.pilot,
             covariance,
-            converged=bool(found.end.converged[0]),
+            converged=bool(optimum.end.converged[0]),
         )
         if profile is not None:
-            estimate = with_profile(estimate, found, profile)
-        if not found.is_pilot:
+            estimate = with_profile(estimate, optimum, profile)
+        if not optimum.is_pilot:
             estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=NO_PILOT)
-        tested = tested_specification(found, recording, estimate, self.against)
+        tested = tested_specification(optimum, recording, estimate, self.against)
         return replace(
             estimate,
             specification=tested,
-            iterations=found.iterations,
-            starts=found.starts,
-            remnant=found.remnant,
-            criterion=found.criterion,
-            band=found.band_of(recording),
+            iterations=optimum.iterations,
+            starts=optimum.starts,
+            remnant=optimum.remnant,
+            criterion=optimum.criterion,
+            band=optimum.band_of(recording),
             remarks=(
                 *(tested.remarks if tested else ()),
-                *fit_remarks(found, recording, asked_for_band=self.loop),
+                *fit_remarks(optimum, recording, asked_for_band=self.loop),
             ),
         )

@@ -156,7 +156,7 @@ ORDER = 8
 #: How often the residual is whitened anew.
 ROUNDS = 2
 #: Claimed errors by which prediction errors may move an estimate that is still one.
-FARTHEST = 5.0
+MAX_MOVE = 5.0
 #: Correlation of control and output from which the controlled element is taken for a gain.
 AT_ONCE = 0.98
 
@@ -186,7 +186,7 @@ def against_recording(
     worst = int(np.argmax(errors))
     _, bounds = outcome_of(estimate.model, end, converged=True)
     message = ""
-    if errors[worst] > FARTHEST:
+    if errors[worst] > MAX_MOVE:
         key = estimate.model.keys[worst]
         message = f"prediction errors move {key} by {errors[worst]:.1f} claimed errors"
     elif bounds and estimate.outcome is Outcome.CONVERGED:

@@ -78,13 +78,13 @@ def drift_left(joint: Likelihood, values: FloatArray) -> tuple[float, FloatArray
 
 
 def tested_specification(
-    found: Optimum, recording: Recording, estimate: Estimate, against: str
+    optimum: Optimum, recording: Recording, estimate: Estimate, against: str
 ) -> Specification | None:
     """The estimate tested against a consistent one: the forcing lines, or else instruments.
 
     Parameters
     ----------
-    found, recording, estimate
+    optimum, recording, estimate
         The optimum, what was fitted, and the estimate that it became.
     against
         The method whose moments the instruments are.
@@ -99,43 +99,43 @@ def tested_specification(
         information = np.linalg.inv(covariance)[np.ix_(free, free)]
         covariance = np.zeros_like(covariance)
         covariance[np.ix_(free, free)] = np.linalg.inv(information)
-    tested = specification_of(recording, model, values, covariance, found.remnant)
+    tested = specification_of(recording, model, values, covariance, optimum.remnant)
     if tested or bounded:
         return tested
-    return specification_by_instruments(found, recording, values, covariance, against)
+    return specification_by_instruments(optimum, recording, values, covariance, against)
 
 
 def fit_remarks(
-    found: Optimum, recording: Recording, *, asked_for_band: bool = True
+    optimum: Optimum, recording: Recording, *, asked_for_band: bool = True
 ) -> tuple[Remark, ...]:
     """What speaks against the fit of pilot and remnant, a sentence each; empty for nothing.
 
     Parameters
     ----------
-    found, recording
+    optimum, recording
         The optimum, and what was fitted.
     asked_for_band
         Whether the likelihood of a band was asked for.
     """
-    errors = found.tested_rows[-1]
+    errors = optimum.tested_rows[-1]
     remarks = [
-        _not_closed(found, recording) if asked_for_band else None,
-        _dispersed(found.dispersion),
+        _not_closed(optimum, recording) if asked_for_band else None,
+        _dispersed(optimum.dispersion),
         _held(recording),
-        _changed(found) or gains_change(found, recording),
+        _changed(optimum) or gains_change(optimum, recording),
         uneven(errors),
-        _drifting(found),
-        coloured(errors, found.joint.prediction.band_terms),
-        _answered_at_once(recording, found.joint.prediction.model),
-        _slow_lag(found),
-        _competing(found),
+        _drifting(optimum),
+        coloured(errors, optimum.joint.prediction.band_terms),
+        _answered_at_once(recording, optimum.joint.prediction.model),
+        _slow_lag(optimum),
+        _competing(optimum),
     ]
     return tuple(remark for remark in remarks if remark)
 
 
-def _not_closed(found: Optimum, recording: Recording) -> Remark | None:
+def _not_closed(optimum: Optimum, recording: Recording) -> Remark | None:
     """What to say where the recording does not allow for the likelihood of a band."""
-    weighting, model = found.joint.prediction.weighting, found.joint.prediction.model
+    weighting, model = optimum.joint.prediction.weighting, optimum.joint.prediction.model
     if weighting is not None and weighting.hidden:
         return Remark(
             "hidden-signal",
@@ -198,26 +198,26 @@ def _answered_at_once(recording: Recording, model: PilotModel) -> Remark | None:
     )
 
 
-def _competing(found: Optimum) -> Remark | None:
-    covariance = found.covariance
-    if covariance is None or not len(found.competing):
+def _competing(optimum: Optimum) -> Remark | None:
+    covariance = optimum.covariance
+    if covariance is None or not len(optimum.competing):
         return None
-    model = found.joint.prediction.model
-    apart = np.abs(np.array(found.competing) - found.pilot) / np.sqrt(np.diag(covariance))
+    model = optimum.joint.prediction.model
+    apart = np.abs(np.array(optimum.competing) - optimum.pilot) / np.sqrt(np.diag(covariance))
     if apart.max() < ESTIMATE.other_optimum:
         return None
-    other = found.competing[int(np.argmax(apart.max(axis=1)))]
-    told = ", ".join(f"{key} {value:.3g}" for key, value in zip(model.keys, other, strict=True))
+    other = optimum.competing[int(np.argmax(apart.max(axis=1)))]
+    words = ", ".join(f"{key} {value:.3g}" for key, value in zip(model.keys, other, strict=True))
     return Remark(
         "competing-optimum",
-        f"another optimum is as likely: {told}; the intervals hold both; fix a parameter (--fix), "
+        f"another optimum is as likely: {words}; the intervals hold both; fix a parameter (--fix), "
         "or choose a simpler model",
     )
 
 
-def _slow_lag(found: Optimum) -> Remark | None:
-    prediction = found.joint.prediction
-    lag = prediction.outlasting_lag(found.pilot)
+def _slow_lag(optimum: Optimum) -> Remark | None:
+    prediction = optimum.joint.prediction
+    lag = prediction.outlasting_lag(optimum.pilot)
     if not lag:
         return None
     return Remark(
@@ -228,7 +228,7 @@ def _slow_lag(found: Optimum) -> Remark | None:
     )
 
 
-def gains_change(found: Optimum, recording: Recording) -> Remark | None:
+def gains_change(optimum: Optimum, recording: Recording) -> Remark | None:
     """A remark that gains and leads change, where that is certain and large.
 
     Of score tests at many times the largest counts (Andrews, Econometrica 61(4), 1993).  A constant
@@ -238,14 +238,14 @@ def gains_change(found: Optimum, recording: Recording) -> Remark | None:
     lead.  People do vary: in several runs of 80 s together changes of a fifth of a gain, which no
     fit need mind, are certain.
     """
-    prediction = found.joint.prediction
+    prediction = optimum.joint.prediction
     varying = may_vary(prediction.model)
-    changes = score_of_changes(found.tested_rows, varying, PLACES) if varying else []
+    changes = score_of_changes(optimum.tested_rows, varying, PLACES) if varying else []
     if not changes:
         return None
     best = max(changes, key=lambda change: change.statistic)
     chance = len(changes) * chi_squared_tail(best.freedom, best.statistic)
-    shares = best.steps / found.pilot[varying]
+    shares = best.steps / optimum.pilot[varying]
     if chance >= ESTIMATE.seldom or np.abs(shares).max() < ESTIMATE.changes_by:
         return None
     unscored = max(0.0, recording.lead_in - recording.run_in * recording.dt)
@@ -260,8 +260,8 @@ def gains_change(found: Optimum, recording: Recording) -> Remark | None:
     )
 
 
-def _changed(found: Optimum) -> Remark | None:
-    rows, pilot, model = found.tested_rows, found.pilot, found.joint.prediction.model
+def _changed(optimum: Optimum) -> Remark | None:
+    rows, pilot, model = optimum.tested_rows, optimum.pilot, optimum.joint.prediction.model
     halves = score_of_changes(rows, range(pilot.size), [0.5])
     if not halves or not halves[0].freedom:
         return None
@@ -296,8 +296,8 @@ def uneven(errors: FloatArray) -> Remark | None:
     )
 
 
-def _drifting(found: Optimum) -> Remark | None:
-    statistic, drifts = drift_left(found.joint, found.values)
+def _drifting(optimum: Optimum) -> Remark | None:
+    statistic, drifts = drift_left(optimum.joint, optimum.values)
     if statistic <= chi_squared_limit(drifts.size, ESTIMATE.seldom):
         return None
     run = int(np.argmax(np.abs(drifts)))
@@ -450,16 +450,16 @@ def score_of_changes(
     variance = float(errors @ errors) / (errors.size - len(size))
     # Directions that one part of the recording alone tells of cannot be tested, and are dropped.
     root = np.linalg.cholesky(inverse[np.ix_(varying, varying)])
-    found = []
+    changes = []
     for place, tail in zip(places, tails, strict=True):
         # What constant parameters, estimated along with it, make of a change is no sign of one.
         across, own = tail[:, :-1], tail[:, varying]
         score = tail[:, -1] - across @ (inverse @ (jacobian @ errors))
         covariance = root.T @ (own - across @ inverse @ across.T) @ root
         sizes, directions = np.linalg.eigh(0.5 * (covariance + covariance.T))
-        told = sizes > ESTIMATE.shared_by_halves
-        along = directions[:, told].T @ root.T @ score
-        statistic = float(np.sum(along**2 / sizes[told])) / variance
-        steps = root @ directions[:, told] @ (along / sizes[told]) / size[varying]
-        found.append(Change(place, statistic, along.size, steps))
-    return found
+        tested = sizes > ESTIMATE.shared_by_halves
+        along = directions[:, tested].T @ root.T @ score
+        statistic = float(np.sum(along**2 / sizes[tested])) / variance
+        steps = root @ directions[:, tested] @ (along / sizes[tested]) / size[varying]
+        changes.append(Change(place, statistic, along.size, steps))
+    return changes
