@@ -145,7 +145,8 @@ def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> No
         """-log of the likelihood by its definition, at the variance that is most likely."""
         on_error, on_output = pilot_on(model, omega, values[:7])
         lags = np.exp(-1j * np.outer(omega * recording.dt, np.arange(21)))
-        shape = 1.0 / np.abs(lags @ joint.whitener(values)) ** 2
+        taps, _ = joint.noise.taps(values[None, joint.pilot_count :], joint.band)
+        shape = 1.0 / np.abs(lags @ taps[0]) ** 2
         left = np.abs(control - on_error * error + on_output * output) ** 2 / recording.samples
         variance = float(weights @ (left / shape)) / float(described.sum())
         spectrum = variance * shape

@@ -64,10 +64,6 @@ class Likelihood(Problem):
         """Number of prediction errors, see `Prediction.samples`; in a band that of its bins."""
         return self.prediction.samples if self.band_terms is None else self.band_terms.residuals
 
-    def whitener(self, values: FloatArray) -> FloatArray:
-        """Whitening filter at one parameter set, shape (taps,)."""
-        return np.asarray(self.noise.taps(values[None, self.pilot_count :], self.band)[0][0])
-
     def rows(self, values: FloatArray) -> FloatArray:
         """Jacobian of the prediction, and below it the prediction error.
 

@@ -137,7 +137,9 @@ class Optimum:
     @cached_property
     def whitener(self) -> FloatArray:
         """The filter that whitens its remnant, shape (taps,)."""
-        return self.joint.whitener(self.values)
+        joint = self.joint
+        taps, _ = joint.noise.taps(self.values[None, joint.pilot_count :], joint.band)
+        return np.asarray(taps[0])
 
     @property
     def criterion(self) -> float:

@@ -503,7 +503,7 @@ class RemnantChoice:
 
 
 def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
-    """PilotCheck whose criterion is low on a first look, one of each optimum, best first."""
+    """Choices whose criterion is low on a first look, one of each optimum, best first."""
     if len(choices) == 1:
         return choices
     firsts = [choice.quick_fit() for choice in choices]
