@@ -16,7 +16,7 @@ from pilotid.plots.style import (
     legend,
     with_unit,
 )
-from pilotid.posterior.predictive import PredictiveBand
+from pilotid.posterior.sampling import PredictiveBand
 from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:

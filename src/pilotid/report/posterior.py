@@ -13,7 +13,7 @@ from pilotid.estimate.fitted import Fitted
 from pilotid.estimate.quantities import UNDETERMINED, Quantity
 from pilotid.model.element import ControlledElement
 from pilotid.plots.posterior_figures import band, corner
-from pilotid.posterior.predictive import PredictiveBand
+from pilotid.posterior.sampling import PredictiveBand
 from pilotid.report.fit import figures_of, words_of
 from pilotid.report.page import Figure, render, save_figures
 from pilotid.support.disk import strict_json, table_bytes, write_file
