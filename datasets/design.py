@@ -22,7 +22,7 @@ from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.signals import UNIT_LEVEL, Multisine, samples_of
 from pilotid.datasets.simulation import closed_loop, white_level
-from pilotid.likelihood.settings import BARTLETT_SECONDS
+from pilotid.likelihood.optimum import BARTLETT_SECONDS
 from pilotid.support.disk import strict_json, table_bytes, write_file
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng
 from pilotid.support.types import ComplexArray, FloatArray, InputError

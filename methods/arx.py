@@ -57,14 +57,13 @@ from pilotid.likelihood.prediction import Prediction, predict
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.second_step import ResponseFit, against_recording, output_at_once, second_step
-from pilotid.solve.least_squares import minimise
-from pilotid.solve.search import search
-from pilotid.spectral.regression import Criterion, Regression, Structure, channel_response
+from pilotid.solve.least_squares import minimise, search
+from pilotid.spectral.regression import Regression, Structure, channel_response
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.types import FloatArray
 
-LEAST_ROWS = 5.0  # rows of the regression for each of its coefficients
+MIN_ROWS = 5.0  # rows of the regression for each of its coefficients
 
 
 @dataclass(frozen=True)
@@ -81,9 +80,6 @@ class ARX:
     delays
         Shortest and longest delay searched, for each input on its own [s]; the model used
         begins at the shortest.
-    criterion
-        By which a structure is chosen where `memory` is None, see
-        `pilotid.spectral.regression.information_criterion`.
     memory
         Longest lag of the inputs in the model used [s]; None uses the structure found
         as it is.  Longer ones come closer to the inverse of the controlled element.
@@ -96,15 +92,12 @@ class ARX:
         Frequencies of the second step [rad/s], equally spaced on a logarithmic scale.
     rounds
         How often the covariance is propagated anew.
-    candidates, refined
-        Random starts screened, and starts minimised, see `pilotid.solve.search.search`.
     """
 
     band: float = 26.0
     poles: tuple[int, ...] = (2, 3, 4, 5)
     zeros: tuple[int, ...] = (2, 3, 4, 5)
     delays: tuple[float, float] = (0.2, 0.6)
-    criterion: Criterion = "heavy"
     memory: float | None = 1.5
     long_poles: int = 8
     misfit: float = 0.03
@@ -112,8 +105,6 @@ class ARX:
     highest: float = 18.0
     points: int = 24
     rounds: int = 3
-    candidates: int = 12
-    refined: int = 4
     name: ClassVar[str] = "arx"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
@@ -148,7 +139,7 @@ class ARX:
         prediction = predict(recording, model, self.band)
         dt = prediction.dt
         regression, used = self._first_step(prediction)
-        if regression.samples < LEAST_ROWS * used.parameters:
+        if regression.samples < MIN_ROWS * used.parameters:
             return failed(
                 self.name,
                 model,
@@ -182,20 +173,9 @@ class ARX:
         for _ in range(self.rounds - 1):
             gram = ResponseFit(response(found), model).gram
             if found is None:
-                found = search(
-                    gram, model, rng, candidates=self.candidates, refined=self.refined
-                ).values[:1]
+                found = search(gram, model, rng, candidates=12, refined=4).values[:1]
             found = minimise(gram, found, model, tolerance=1e-5).values[:1]
-        estimate = second_step(
-            self.name,
-            recording,
-            model,
-            response(found),
-            rng,
-            known=found,
-            candidates=self.candidates,
-            refined=self.refined,
-        )
+        estimate = second_step(self.name, recording, model, response(found), rng, known=found)
         return against_recording(estimate, prediction, rng)
 
     def _first_step(self, prediction: Prediction) -> tuple[Regression, Structure]:
@@ -217,7 +197,7 @@ class ARX:
             for z in self.zeros
             for delays in itertools.product(range(low, high + 1), repeat=inputs)
         ]
-        return regression, regression.best(structures, self.criterion)
+        return regression, regression.best(structures, 3.0)
 
 
 def _moves(recording: Recording, forcing: FloatArray) -> bool:

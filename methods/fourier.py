@@ -48,10 +48,9 @@ from pilotid.estimate.parts import AnalysedBand, FrequencyResponse
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.second_step import second_step
-from pilotid.solve.least_squares import minimise
-from pilotid.solve.search import search
+from pilotid.solve.least_squares import minimise, search
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
-from pilotid.spectral.equations import Equations, are_pilots, pilots_first
+from pilotid.spectral.equations import Equations, are_pilots, best_pilot
 from pilotid.support.types import ComplexArray
 
 
@@ -116,7 +115,7 @@ class Fourier:
         residuals = coefficients.first_residuals()
         problem = Equations(coefficients, model, coefficients.power(residuals))
         found = search(problem.gram, model, rng, candidates=48, refined=6)
-        end = pilots_first(recording, model, found).values[:1]
+        end = best_pilot(recording, model, found).values
         settled = False
         for _ in range(self.rounds):
             minimum = minimise(problem.gram, end, model, tolerance=1e-6)

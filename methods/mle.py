@@ -29,8 +29,7 @@ from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.likelihood.diagnostics import fit_remarks, tested_specification
 from pilotid.likelihood.estimates import make_estimate
 from pilotid.likelihood.profile import profile_likelihood, with_profile
-from pilotid.likelihood.search import maxima_from, maximise_likelihood
-from pilotid.likelihood.settings import LikelihoodSettings
+from pilotid.likelihood.search import LikelihoodSettings, maxima_from, maximise_likelihood
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.support.types import FloatArray
@@ -45,17 +44,13 @@ class MLE(LikelihoodSettings):
 
     Attributes
     ----------
-    search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.likelihood.settings.LikelihoodSettings`.
+    band, wide, noise, loop, weighed
+        See `pilotid.likelihood.search.LikelihoodSettings`.
     """
 
     name: ClassVar[str] = "mle"
     #: The method against which estimates are tested where there are no lines.
     against: ClassVar[str] = "mle-reference"
-
-    def objection(self, recording: Recording, model: PilotModel) -> str | None:
-        """None: any recording and any model will do."""
-        return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Estimate pilot and remnant together; intervals follow the profile likelihood.
@@ -69,35 +64,35 @@ class MLE(LikelihoodSettings):
         rng
             Draws the other starts.
         """
-        found = maximise_likelihood(recording, model, rng, self)
-        found, profile = profile_likelihood(found)
-        covariance = found.covariance
+        optimum = maximise_likelihood(recording, model, rng, self)
+        optimum, profile = profile_likelihood(optimum)
+        covariance = optimum.covariance
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
         estimate = make_estimate(
             self.name,
             recording,
             model,
-            found.pilot,
+            optimum.pilot,
             covariance,
-            converged=bool(found.end.converged[0]),
+            converged=bool(optimum.end.converged[0]),
         )
         if profile is not None:
-            estimate = with_profile(estimate, found, profile)
-        if not found.is_pilot:
+            estimate = with_profile(estimate, optimum, profile)
+        if not optimum.is_pilot:
             estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=NO_PILOT)
-        tested = tested_specification(found, recording, estimate, self.against)
+        tested = tested_specification(optimum, recording, estimate, self.against)
         return replace(
             estimate,
             specification=tested,
-            iterations=found.iterations,
-            starts=found.starts,
-            remnant=found.remnant,
-            criterion=found.criterion,
-            band=found.band_of(recording),
+            iterations=optimum.iterations,
+            starts=optimum.starts,
+            remnant=optimum.remnant,
+            criterion=optimum.criterion,
+            band=optimum.band_of(recording),
             remarks=(
                 *(tested.remarks if tested else ()),
-                *fit_remarks(found, recording, asked_for_band=self.loop),
+                *fit_remarks(optimum, recording, asked_for_band=self.loop),
             ),
         )
 

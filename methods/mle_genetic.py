@@ -31,12 +31,13 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimate.estimate import Estimate
+from pilotid.likelihood.estimates import WhiteLikelihood
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.output_error import WhiteLikelihood
 from pilotid.likelihood.prediction import predict
+from pilotid.likelihood.search import SEARCH_BAND
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.search import evolve
+from pilotid.solve.least_squares import evolve
 
 
 @dataclass(frozen=True)
@@ -45,25 +46,18 @@ class MLEGenetic(WhiteLikelihood):
 
     Attributes
     ----------
-    band, covariance
-        See `pilotid.likelihood.output_error.WhiteLikelihood`.
-    search_band
-        Narrow and cheap band in which the optimum is searched [rad/s].
+    band
+        See `pilotid.likelihood.estimates.WhiteLikelihood`.
     population
         Points of a generation for each parameter but the gains.
     generations
         Largest number of generations.
     """
 
-    search_band: float = 26.0
     population: int = 15
     generations: int = 40
     name: ClassVar[str] = "mle-genetic"
     libraries: ClassVar[tuple[str, ...]] = ("scipy.optimize",)
-
-    def objection(self, recording: Recording, model: PilotModel) -> str | None:
-        """None: any recording and any model will do."""
-        return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Minimise the sum of squares of the residual.
@@ -77,8 +71,8 @@ class MLEGenetic(WhiteLikelihood):
         rng
             Draws the generations.
         """
-        coarse = Likelihood(predict(recording, model, self.search_band))
-        found = evolve(
+        coarse = Likelihood(predict(recording, model, SEARCH_BAND))
+        ends = evolve(
             coarse.gram, model, rng, population=self.population, generations=self.generations
         )
-        return self.polished(self.name, recording, model, found)
+        return self.polished(recording, model, ends)

@@ -34,8 +34,7 @@ from pilotid.estimate.applicability import varying
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.likelihood.estimates import make_estimate
 from pilotid.likelihood.instruments import Moments, forcing_functions, references
-from pilotid.likelihood.search import maximise_likelihood
-from pilotid.likelihood.settings import LikelihoodSettings
+from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.loops import is_stable
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
@@ -51,8 +50,8 @@ class MLEReference(LikelihoodSettings):
 
     Attributes
     ----------
-    search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.likelihood.settings.LikelihoodSettings`: of the fit by ``mle`` that gives the
+    band, wide, noise, loop, weighed
+        See `pilotid.likelihood.search.LikelihoodSettings`: of the fit by ``mle`` that gives the
         remnant's spectrum and the instruments.
     """
 
@@ -82,25 +81,24 @@ class MLEReference(LikelihoodSettings):
         rng
             Draws the other starts.
         """
-        found = maximise_likelihood(recording, model, rng, self)
+        optimum = maximise_likelihood(recording, model, rng, self)
         element, _ = closing_element(recording)
         assert element is not None
-        values = found.pilot[None]
-        if not found.is_pilot and found.lines_pilot is not None:
-            values = found.lines_pilot
+        candidates = [optimum.pilot] if optimum.is_pilot else [*optimum.lines_pilot, optimum.pilot]
+        values = candidates[0][None]
         if not is_stable(model, values[0], element):
             why = f"the loop of the pilot and {element.name} is unstable: there are no instruments"
             return failed(self.name, model, Outcome.NOT_APPLICABLE, why)
-        moments = Moments(found, references(recording, model, values[0], element), values[0])
+        moments = Moments(optimum, references(recording, model, values[0], element), values[0])
         # The weights of the moments do not move their root, but they say how well it is known.
         values = minimise(moments.gram, values, model).values
         moments.weigh_at(values[0])
         end = minimise(moments.gram, values, model)
-        covariance = covariance_of(end.gram[0, :-1, :-1], found.variance_factor)
+        covariance = covariance_of(end.gram[0, :-1, :-1], optimum.variance_factor)
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
         profile = profile_intervals(
-            moments.gram, model, end, 1.0, len(values[0]), widened=found.variance_factor
+            moments.gram, model, end, 1.0, len(values[0]), widened=optimum.variance_factor
         )
         estimate = make_estimate(
             self.name, recording, model, end.values[0], covariance, converged=bool(end.converged[0])
@@ -110,8 +108,8 @@ class MLEReference(LikelihoodSettings):
             estimate,
             intervals=profile.intervals,
             errors=length / (2.0 * CHI_SQUARED_95**0.5),
-            iterations=found.iterations + end.iterations,
-            starts=found.starts,
-            remnant=found.remnant,
-            band=found.band_of(recording),
+            iterations=optimum.iterations + end.iterations,
+            starts=optimum.starts,
+            remnant=optimum.remnant,
+            band=optimum.band_of(recording),
         )

@@ -4,8 +4,7 @@ The likelihood of AIAA 2008-7109 (output error, residual assumed white), without
 route's approximations: exact delays, bounds, several starts, transients handled, runs
 fitted jointly.
 
-Assumes that the remnant is white.  The sandwich covariance mends the standard errors, not the
-bias: intervals are then honest about where the biased estimate lies.
+Assumes that the remnant is white.
 
 Use it when the remnant is white within the pilot's band, or to compare with earlier papers.
 
@@ -21,34 +20,26 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimate.estimate import Estimate
-from pilotid.likelihood.estimates import starts_of
+from pilotid.likelihood.estimates import WhiteLikelihood, starts_of
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.output_error import WhiteLikelihood
 from pilotid.likelihood.prediction import predict
-from pilotid.likelihood.settings import StartSettings
+from pilotid.likelihood.search import CANDIDATES, REFINED, SEARCH_BAND
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.search import search
+from pilotid.solve.least_squares import search
 
 
 @dataclass(frozen=True)
-class MLEWhite(WhiteLikelihood, StartSettings):
+class MLEWhite(WhiteLikelihood):
     """Maximum likelihood under a white residual.
 
     Attributes
     ----------
-    search_band, candidates, refined
-        See `pilotid.likelihood.settings.StartSettings`; what the search finds is only
-        polished in the analysis band.
-    band, covariance
-        See `pilotid.likelihood.output_error.WhiteLikelihood`.
+    band
+        See `pilotid.likelihood.estimates.WhiteLikelihood`.
     """
 
     name: ClassVar[str] = "mle-white"
-
-    def objection(self, recording: Recording, model: PilotModel) -> str | None:
-        """None: any recording and any model will do."""
-        return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Minimise the sum of squares of the residual.
@@ -62,7 +53,6 @@ class MLEWhite(WhiteLikelihood, StartSettings):
         rng
             Draws the other starts.
         """
-        coarse = Likelihood(predict(recording, model, self.search_band))
-        found = search(coarse.gram, model, rng, candidates=self.candidates, refined=self.refined)
-        estimate = self.polished(self.name, recording, model, found)
-        return replace(estimate, starts=starts_of(found))
+        coarse = Likelihood(predict(recording, model, SEARCH_BAND))
+        ends = search(coarse.gram, model, rng, candidates=CANDIDATES, refined=REFINED)
+        return replace(self.polished(recording, model, ends), starts=starts_of(ends))

@@ -27,9 +27,8 @@ import numpy as np
 
 from pilotid.estimate.applicability import looking_ahead, varying
 from pilotid.estimate.estimate import Estimate, Outcome, failed
-from pilotid.likelihood.estimates import make_estimate
+from pilotid.likelihood.estimates import make_estimate, too_short
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.output_error import too_short
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.prepare import prepare
 from pilotid.model.model import PilotModel

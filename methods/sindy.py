@@ -56,8 +56,8 @@ from pilotid.spectral.regression import (
 )
 from pilotid.support.types import FloatArray
 
-LEAST_ROWS = 2.0  # rows of the regression for each of its columns
-LEAST_BLOCKS = 10  # blocks of time to resample from
+MIN_ROWS = 2.0  # rows of the regression for each of its columns
+MIN_BLOCKS = 10  # blocks of time to resample from
 VAGUE = 2.0  # errors of a response in units of its size, beyond which it says nothing
 
 
@@ -126,7 +126,7 @@ class SINDy:
         """
         library = Library(self, recording, model)
         structure = library.best_delays()
-        if library.count < LEAST_ROWS * structure.parameters:
+        if library.count < MIN_ROWS * structure.parameters:
             return failed(
                 self.name,
                 model,
@@ -189,7 +189,7 @@ class Library:
         ]
         lags = [(1, self._reach)] * len(self.inputs)
         regression = Regression(self.control, self.inputs, self._poles, lags, self._first)
-        return regression.best(structures, "bic")
+        return regression.best(structures, 1.0)
 
     def blocks(self, structure: Structure, length: float) -> list[FloatArray]:
         """Triangular factors of blocks of rows, none of which spans two runs.
@@ -200,7 +200,7 @@ class Library:
         rows = lagged_rows(self.control, self.inputs, self._poles, lags, self._first)
         rows = rows - rows.mean(axis=1, keepdims=True)
         runs, samples, _ = rows.shape
-        least = math.ceil(LEAST_BLOCKS / runs)
+        least = math.ceil(MIN_BLOCKS / runs)
         parts = min(max(least, round(samples * self.dt / length)), samples)
         return [triangle_of(part) for run in rows for part in np.array_split(run, parts)]
 

@@ -10,7 +10,7 @@ from helpers import NOMINAL
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.optimum import Optimum
+from pilotid.likelihood.optimum import COMPARED_TOLERANCE, REPORTED_TOLERANCE, Optimum
 from pilotid.likelihood.prediction import Prediction, predict
 from pilotid.likelihood.remnant_models import (
     Autoregressive,
@@ -19,7 +19,6 @@ from pilotid.likelihood.remnant_models import (
     NoiseModel,
     guess_parameters,
 )
-from pilotid.likelihood.settings import COMPARED_TOLERANCE, REPORTED_TOLERANCE
 from pilotid.methods.mle import MLE
 from pilotid.model.catalogue import MODELS
 from pilotid.model.model import PilotModel

@@ -35,7 +35,7 @@ from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS
 from pilotid.model.element import double_integrator, element_named
 from pilotid.model.loops import pilot_on
-from pilotid.posterior.likelihood import Marginal
+from pilotid.posterior.likelihood import Posterior
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
@@ -145,7 +145,8 @@ def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> No
         """-log of the likelihood by its definition, at the variance that is most likely."""
         on_error, on_output = pilot_on(model, omega, values[:7])
         lags = np.exp(-1j * np.outer(omega * recording.dt, np.arange(21)))
-        shape = 1.0 / np.abs(lags @ joint.whitener(values)) ** 2
+        taps, _ = joint.noise.taps(values[None, joint.pilot_count :], joint.band)
+        shape = 1.0 / np.abs(lags @ taps[0]) ** 2
         left = np.abs(control - on_error * error + on_output * output) ** 2 / recording.samples
         variance = float(weights @ (left / shape)) / float(described.sum())
         spectrum = variance * shape
@@ -248,10 +249,10 @@ def test_samplers_have_the_same_likelihood(noise: NoiseModel) -> None:
     scenario, recording = recorded("nominal(runs=2)", noise=1e-3)
     prediction = banded(recording, scenario, (0.0,))
     joint = Likelihood(prediction, noise)
-    likelihood = Marginal(joint)
+    likelihood = Posterior(joint)
     centre = near_truth(joint, scenario)
     sets = centre * np.exp(0.01 * np.random.default_rng(1).standard_normal((12, centre.size)))
-    found = likelihood.log(sets[:, : likelihood.count])
+    found = likelihood.log_likelihood(sets[:, : likelihood.count])
     if noise.regressive:  # integrated out about the most likely coefficients, which have no slope
         sets[:, 7:] = likelihood.coefficients(sets[:, :7])
     products = joint.gram(sets)

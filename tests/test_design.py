@@ -33,7 +33,7 @@ from pilotid.datasets.named import fitted_scenario
 from pilotid.datasets.signals import Multisine, paper_target
 from pilotid.element_fit import chosen_element
 from pilotid.estimate.method import fit_all
-from pilotid.likelihood.settings import BARTLETT_SECONDS
+from pilotid.likelihood.optimum import BARTLETT_SECONDS
 from pilotid.methods import method_named
 from pilotid.model.catalogue import MULTI
 from pilotid.model.element import element_named

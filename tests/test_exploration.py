@@ -18,6 +18,7 @@ from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.signals import Remnant
 from pilotid.estimate.estimate import Starts
 from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.optimum import BARTLETT_SECONDS
 from pilotid.likelihood.prediction import Prediction, predict
 from pilotid.likelihood.prepare import analysis_band
 from pilotid.likelihood.remnant_models import (
@@ -26,6 +27,7 @@ from pilotid.likelihood.remnant_models import (
     criterion,
 )
 from pilotid.likelihood.search import (
+    MAX_EDGE_INFORMATION,
     edge_information,
     first_fit,
     group_by_optimum,
@@ -35,7 +37,6 @@ from pilotid.likelihood.search import (
     optima,
     sweep,
 )
-from pilotid.likelihood.settings import BARTLETT_SECONDS, MAX_EDGE_INFORMATION
 from pilotid.methods.mle import MLE
 from pilotid.model.element import position_control
 from pilotid.model.model import PilotModel
@@ -57,11 +58,11 @@ def prediction_of(scenario: Scenario, seed: int = 1) -> Prediction:
 
 
 def swept(
-    recording: Recording, model: PilotModel, seed: int, known: FloatArray | None
+    recording: Recording, model: PilotModel, seed: int, known: FloatArray
 ) -> tuple[FloatArray, Starts]:
     rng = np.random.default_rng(seed)
     first = first_fit(recording, model, MLE(wide=()), known, rng)
-    return sweep(first, rng, MLE(), known)[:2]
+    return sweep(first, rng, known)[:2]
 
 
 def test_without_groups_the_reduction_is_the_windowed_transform(
@@ -130,7 +131,7 @@ def test_optima_are_told_apart_by_the_information() -> None:
 
 def test_the_sweep_finds_the_pilot_from_a_start_that_is_nobodys() -> None:
     recording = simulate(NOMINAL, np.random.default_rng(1))
-    (best, *_), starts = swept(recording, NOMINAL.model, 1, None)
+    (best, *_), starts = swept(recording, NOMINAL.model, 1, np.zeros((0, 7)))
     delays = list(NOMINAL.model.delays)
     np.testing.assert_allclose(best[delays], NOMINAL.values[delays], rtol=0.1)
     assert 1 <= starts.agreeing <= len(starts.cost)

@@ -91,7 +91,7 @@ def test_the_map_shows_every_package() -> None:
 
 
 #: An estimate holds numbers only; what it is asked to predict is imported when it is asked.
-ASKED = {"pilotid.estimate.estimate": {"pilotid.likelihood.scoring"}}
+ASKED = {"pilotid.estimate.estimate": {"pilotid.likelihood.estimates"}}
 ARROWS = {
     name: own_modules(path) - {name} - ASKED.get(name, set()) for name, path in MODULES.items()
 }

@@ -15,6 +15,7 @@ from scipy.stats import binom
 from pilotid.datasets import SCENARIOS, scenario_named, simulate
 from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.method import identify
+from pilotid.likelihood.search import REFINED
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3, Hold, _Output, pulse_response
 from pilotid.model.catalogue import MODELS, MULTI
@@ -89,7 +90,7 @@ def test_runs_are_fitted_jointly() -> None:
 def test_several_starts_agree() -> None:
     for estimate in monte_carlo(MLEWhite(), WHITE, REPLICATIONS)[:10]:
         assert estimate.starts is not None
-        assert len(estimate.starts.cost) == MLEWhite().refined
+        assert len(estimate.starts.cost) == REFINED
         assert estimate.starts.agreeing >= 2
 
 

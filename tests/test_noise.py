@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pilotid.likelihood.prepare import FAR, Band, lowpass
-from pilotid.likelihood.remnant_choice import contenders
 from pilotid.likelihood.remnant_models import (
     NOISE_MODELS,
     Autoregressive,
@@ -15,6 +14,7 @@ from pilotid.likelihood.remnant_models import (
     best_noise_model,
     lagged_products,
 )
+from pilotid.likelihood.search import contenders
 from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical

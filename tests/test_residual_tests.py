@@ -27,12 +27,15 @@ from pilotid.support.remarks import codes_of
 pytestmark = pytest.mark.numerical
 
 
-def test_the_portmanteau_by_hand() -> None:
-    # Squares sum to 4; products at lag 1 sum to -3, at lag 2 to 2, of 4 samples.
-    errors = np.array([[1.0, -1.0, 1.0, -1.0]])
-    by_hand = 4.0 * 6.0 * ((3.0 / 4.0) ** 2 / 3.0 + (2.0 / 4.0) ** 2 / 2.0)
-    assert portmanteau(errors, 2) == pytest.approx(by_hand)
-    assert portmanteau(errors, 50) > by_hand  # no more lags than there are
+@pytest.mark.parametrize("counting", [401, 200])
+def test_the_portmanteau_of_white_errors_is_chi_squared(counting: int) -> None:
+    rng, weights = np.random.default_rng(3), np.sign(np.arange(float(counting)))
+    found = [portmanteau(rng.standard_normal((2, 800)), weights, 30) for _ in range(300)]
+    statistics, freedom = np.transpose(found)
+    assert np.all(freedom == freedom[0])
+    assert freedom[0] <= 30
+    deviation = np.sqrt(2.0 * freedom[0] / 300.0)
+    assert np.mean(statistics) == pytest.approx(freedom[0], abs=4.0 * deviation)
 
 
 def test_the_ratio_of_halves_by_hand() -> None:

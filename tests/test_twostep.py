@@ -94,7 +94,7 @@ def test_scatter_is_the_claimed_covariance(correlation: float) -> None:
     for _ in range(runs):
         noise = rng.standard_normal((2, size.size)) / np.sqrt(2.0)
         response = with_errors(MULTI, covariance, root @ (noise[0] + 1j * noise[1]))
-        estimate = second_step("test", recording(), MULTI, response, rng, candidates=2, refined=1)
+        estimate = second_step("test", recording(), MULTI, response, rng)
         values.append(estimate.values)
         low, high = estimate.intervals.T
         held.append((low <= TRUTH) & (high >= TRUTH))

@@ -28,8 +28,7 @@ from pilotid.estimate.estimate import at_bounds, bounds_reached
 from pilotid.likelihood.estimates import simulated_vaf
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum
-from pilotid.likelihood.search import maximise_likelihood
-from pilotid.likelihood.settings import LikelihoodSettings
+from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.catalogue import MODELS, with_held
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording

@@ -29,8 +29,7 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import profile_intervals
-from pilotid.solve.least_squares import Problem, minimise
-from pilotid.solve.search import search
+from pilotid.solve.least_squares import Problem, minimise, search
 from pilotid.support.numbers import Z95, chi_squared_limit
 from pilotid.support.types import FloatArray
 
@@ -96,8 +95,6 @@ def second_step(
     *,
     problem: Problem | None = None,
     known: FloatArray | None = None,
-    candidates: int = 12,
-    refined: int = 4,
 ) -> Estimate:
     """Fit a pilot model to a frequency response.
 
@@ -121,8 +118,6 @@ def second_step(
         step knows.
     known
         An optimum found already, shape (1, parameters).
-    candidates, refined
-        Random starts screened, and starts minimised, see `pilotid.solve.search.search`.
     """
     problem = problem or ResponseFit(response, model)
     freedom = problem.residuals - len(model.parameters)
@@ -134,10 +129,13 @@ def second_step(
             f"the frequency response gives {problem.residuals} independent numbers, too few for "
             f"the {len(model.parameters)} parameters of model {model.name}",
         )
-    found = search(problem.gram, model, rng, known=known, candidates=candidates, refined=refined)
+    found = search(problem.gram, model, rng, known=known, candidates=12, refined=4)
     end = minimise(problem.gram, found.values[:1], model)
     values = end.values[0]
-    variance = _excess(float(end.cost[0]), freedom)
+    cost = float(end.cost[0])
+    # The standardised residuals' variance is 1 unless it is clearly larger.
+    clear = freedom > 0 and cost > chi_squared_limit(freedom, 1e-3)
+    variance = cost / freedom if clear else 1.0
     covariance = covariance_of(end.gram[0, :-1, :-1], variance)
     if covariance is None:
         return failed(name, model, Outcome.SINGULAR)
@@ -153,19 +151,12 @@ def second_step(
     )
 
 
-def _excess(cost: float, freedom: int) -> float:
-    """Variance of the standardised residuals where it is clearly above 1, else 1."""
-    if freedom == 0:
-        return 1.0
-    return cost / freedom if cost > chi_squared_limit(freedom, 1e-3) else 1.0
-
-
 #: Order of the autoregression that whitens the residual.
 ORDER = 8
 #: How often the residual is whitened anew.
 ROUNDS = 2
 #: Claimed errors by which prediction errors may move an estimate that is still one.
-FARTHEST = 5.0
+MAX_MOVE = 5.0
 #: Correlation of control and output from which the controlled element is taken for a gain.
 AT_ONCE = 0.98
 
@@ -195,7 +186,7 @@ def against_recording(
     worst = int(np.argmax(errors))
     _, bounds = outcome_of(estimate.model, end, converged=True)
     message = ""
-    if errors[worst] > FARTHEST:
+    if errors[worst] > MAX_MOVE:
         key = estimate.model.keys[worst]
         message = f"prediction errors move {key} by {errors[worst]:.1f} claimed errors"
     elif bounds and estimate.outcome is Outcome.CONVERGED:

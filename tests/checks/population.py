@@ -29,7 +29,7 @@ from pilotid.datasets.population import POPULATIONS
 from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.method import identify
 from pilotid.methods import method_named
-from pilotid.solve.search import draw_starts
+from pilotid.solve.least_squares import draw_starts
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.types import BoolArray, FloatArray
 

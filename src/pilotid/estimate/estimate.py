@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from control import TransferFunction
     from pandas import DataFrame
 
-    from pilotid.likelihood.scoring import Score
+    from pilotid.likelihood.estimates import Score
     from pilotid.recording.recording import Recording
 
 T = TypeVar("T")
@@ -349,7 +349,7 @@ class Estimate:
         recording
             Any recording that has the model's inputs, not only the one that was fitted.
         """
-        from pilotid.likelihood.scoring import simulated
+        from pilotid.likelihood.estimates import simulated
 
         return simulated(self, recording)
 
@@ -372,7 +372,7 @@ class Estimate:
         InputError
             If no remnant is known.
         """
-        from pilotid.likelihood.scoring import predicted
+        from pilotid.likelihood.estimates import predicted
 
         return predicted(self, recording, fitted_to)
 
@@ -385,7 +385,7 @@ class Estimate:
             As for `predict`; without a remnant the log score is NaN.  Methods are compared by log
             scores with `fitted_to`, where the remnant is modelled alike for all.
         """
-        from pilotid.likelihood.scoring import scored
+        from pilotid.likelihood.estimates import scored
 
         return scored(self, recording, fitted_to)
 

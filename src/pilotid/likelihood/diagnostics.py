@@ -9,7 +9,10 @@ is at a chance of `ESTIMATE.seldom`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,110 +20,23 @@ from pilotid.checks.plant import element_changes, is_gain
 from pilotid.estimate.estimate import Estimate, is_at_bound
 from pilotid.estimate.parts import Specification
 from pilotid.likelihood.band_likelihood import BandTerms
-from pilotid.likelihood.constancy import constancy, score_of_changes
 from pilotid.likelihood.instruments import specification_by_instruments
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum
-from pilotid.likelihood.prediction import predict
-from pilotid.likelihood.prepare import (
-    analysis_band,
-    lowpass,
-    prepare,
-)
-from pilotid.likelihood.remnant_models import Whitener, best_noise_model, filter_of
-from pilotid.likelihood.settings import LikelihoodSettings
+from pilotid.likelihood.remnant_models import Whitener, best_noise_model
+from pilotid.model.factors import Polynomial
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
+from pilotid.solve.covariance import covariance_of
 from pilotid.spectral.equations import specification_of
 from pilotid.support.limits import ESTIMATE, RECORDER
-from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.numbers import chi_squared_limit, chi_squared_tail
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray
 
-
-@dataclass(frozen=True, eq=False)
-class Whitened:
-    """Prediction errors in an analysis band.
-
-    Attributes
-    ----------
-    dt
-        Sampling interval in the band [s].
-    errors
-        Prediction errors in the unit of the control, shape (runs, samples).
-    inputs
-        What the model's channels act on, by the signal's name, low-passed to the band and
-        without its mean; each of shape (runs, samples).
-    noise
-        Name of the model of the remnant that whitened them.
-    own
-        Whether that is the estimate's own model of the remnant; else it was chosen here.
-    """
-
-    dt: float
-    errors: FloatArray
-    inputs: dict[str, FloatArray]
-    noise: str
-    own: bool
-
-
-def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
-    """The prediction errors of an estimate.
-
-    They are whitened by the estimate's model of the remnant, from its density; without one, by
-    the model that suits best what the estimate leaves, see `best_noise_model`.
-
-    Parameters
-    ----------
-    recording
-        What was fitted.
-    estimate
-        An estimate with values.
-    """
-    remnant = estimate.remnant
-    if remnant is not None:
-        band, taps, _ = filter_of(remnant, recording.dt)
-        name, prediction = remnant.model, predict(recording, estimate.model, band.limit)
-    else:
-        band = analysis_band(recording.dt, LikelihoodSettings.band)
-        prediction = predict(recording, estimate.model, band.limit)
-        guess = best_noise_model(prediction.errors(estimate.values), band)
-        name, taps = guess.model.name, guess.whitener(band)
-    errors = prediction.errors(estimate.values, taps)
-    prepared = prepare(recording, estimate.model, band.limit)
-    scored = np.round(prepared.scored_time / recording.dt).astype(int) + recording.run_in
-    inputs = {}
-    for key in dict.fromkeys(channel.on for channel in estimate.model.channels):
-        taps, runs = lowpass(band.factor), recording.input(key)
-        signal = np.array([np.convolve(run, taps, "same")[scored] for run in runs])
-        inputs[key] = signal - signal.mean(axis=1, keepdims=True)
-    return Whitened(band.dt, errors, inputs, name, remnant is not None)
-
-
-def correlations(errors: FloatArray, signal: FloatArray, lags: range) -> FloatArray:
-    """Correlation coefficients of errors with a signal some samples before, all runs together.
-
-    Parameters
-    ----------
-    errors, signal
-        Shape (runs, samples), both without a mean.
-    lags
-        Whole numbers of samples; negative ones for a signal after the error.
-
-    Returns
-    -------
-    FloatArray
-        Shape (lags,).
-    """
-    samples = errors.shape[1]
-    scale = math.sqrt(float(np.sum(errors**2)) * float(np.sum(signal**2)))
-    found = []
-    for lag in lags:
-        late, early = (errors, signal) if lag >= 0 else (signal, errors)
-        gap = min(abs(lag), samples)
-        found.append(float(np.sum(late[:, gap:] * early[:, : samples - gap])))
-    return np.array(found) / scale
+#: Shares of the scored time at which a change may be.
+PLACES = np.linspace(0.1, 0.9, 21).tolist()
 
 
 def drift_left(joint: Likelihood, values: FloatArray) -> tuple[float, FloatArray]:
@@ -150,32 +66,25 @@ def drift_left(joint: Likelihood, values: FloatArray) -> tuple[float, FloatArray
     residual = prediction.without_nuisance(prediction.residual(pilot))
     flat = residual - np.outer(residual @ line, line) / (line @ line)
     taps = best_noise_model(flat, band).whitener(band)
-    rows = Likelihood(prediction, Whitener(taps)).rows(pilot[None])[0]
-    *jacobian, errors = rows.reshape(len(rows), -1)
-    own = np.array([column / (np.linalg.norm(column) or 1.0) for column in jacobian])
-    # What the pilot explains comes first; a line in each run then explains of the rest what it
-    # may.  Lines of two runs share no sample, and meet only in what the pilot takes of both.
-    basis = np.linalg.qr(own.T).Q
-    rest = errors - basis @ (basis.T @ errors)
-    across = line @ basis.reshape(prediction.runs, prediction.scored, -1)
-    seen = (line @ line) * np.eye(prediction.runs) - across @ across.T
-    along = rest.reshape(prediction.runs, prediction.scored) @ line
-    found = np.linalg.solve(seen, along)
-    explained = along @ found
-    freedom = errors.size - len(own) - prediction.runs
+    rows = Likelihood(prediction, Whitener(taps)).rows(pilot[None])[0].reshape(pilot.size + 1, -1)
+    # What the pilot explains comes first; a line in each run then explains what it may.
+    runs, errors = prediction.runs, rows[-1]
+    basis, triangle = np.linalg.qr(np.vstack([rows[:-1], np.kron(np.eye(runs), line)]).T)
+    along = basis.T @ errors
+    explained, left = along[-runs:] @ along[-runs:], errors @ errors - along @ along
     # Whitening makes a line of a line: it multiplies the slope by the sum of the taps.
-    drifts = np.asarray(found / np.sum(taps))
-    return float(explained * freedom / (rest @ rest - explained)), drifts
+    drifts = np.linalg.lstsq(triangle, along)[0][-runs:] / np.sum(taps)
+    return float(explained * (errors.size - along.size) / left), drifts
 
 
 def tested_specification(
-    found: Optimum, recording: Recording, estimate: Estimate, against: str
+    optimum: Optimum, recording: Recording, estimate: Estimate, against: str
 ) -> Specification | None:
     """The estimate tested against a consistent one: the forcing lines, or else instruments.
 
     Parameters
     ----------
-    found, recording, estimate
+    optimum, recording, estimate
         The optimum, what was fitted, and the estimate that it became.
     against
         The method whose moments the instruments are.
@@ -190,43 +99,43 @@ def tested_specification(
         information = np.linalg.inv(covariance)[np.ix_(free, free)]
         covariance = np.zeros_like(covariance)
         covariance[np.ix_(free, free)] = np.linalg.inv(information)
-    tested = specification_of(recording, model, values, covariance, found.remnant)
+    tested = specification_of(recording, model, values, covariance, optimum.remnant)
     if tested or bounded:
         return tested
-    return specification_by_instruments(found, recording, values, covariance, against)
+    return specification_by_instruments(optimum, recording, values, covariance, against)
 
 
 def fit_remarks(
-    found: Optimum, recording: Recording, *, asked_for_band: bool = True
+    optimum: Optimum, recording: Recording, *, asked_for_band: bool = True
 ) -> tuple[Remark, ...]:
     """What speaks against the fit of pilot and remnant, a sentence each; empty for nothing.
 
     Parameters
     ----------
-    found, recording
+    optimum, recording
         The optimum, and what was fitted.
     asked_for_band
         Whether the likelihood of a band was asked for.
     """
-    errors = found.tested_rows[-1]
+    errors = optimum.tested_rows[-1]
     remarks = [
-        _not_closed(found, recording) if asked_for_band else None,
-        _dispersed(found.dispersion),
+        _not_closed(optimum, recording) if asked_for_band else None,
+        _dispersed(optimum.dispersion),
         _held(recording),
-        _changed(found) or _varying(found, recording),
+        _changed(optimum) or gains_change(optimum, recording),
         uneven(errors),
-        _drifting(found),
-        coloured(errors, found.joint.prediction.band_terms),
-        _answered_at_once(recording, found.joint.prediction.model),
-        _slow_lag(found),
-        _competing(found),
+        _drifting(optimum),
+        coloured(errors, optimum.joint.prediction.band_terms),
+        _answered_at_once(recording, optimum.joint.prediction.model),
+        _slow_lag(optimum),
+        _competing(optimum),
     ]
     return tuple(remark for remark in remarks if remark)
 
 
-def _not_closed(found: Optimum, recording: Recording) -> Remark | None:
+def _not_closed(optimum: Optimum, recording: Recording) -> Remark | None:
     """What to say where the recording does not allow for the likelihood of a band."""
-    weighting, model = found.joint.prediction.weighting, found.joint.prediction.model
+    weighting, model = optimum.joint.prediction.weighting, optimum.joint.prediction.model
     if weighting is not None and weighting.hidden:
         return Remark(
             "hidden-signal",
@@ -289,26 +198,26 @@ def _answered_at_once(recording: Recording, model: PilotModel) -> Remark | None:
     )
 
 
-def _competing(found: Optimum) -> Remark | None:
-    covariance = found.covariance
-    if covariance is None or not len(found.competing):
+def _competing(optimum: Optimum) -> Remark | None:
+    covariance = optimum.covariance
+    if covariance is None or not len(optimum.competing):
         return None
-    model = found.joint.prediction.model
-    apart = np.abs(np.array(found.competing) - found.pilot) / np.sqrt(np.diag(covariance))
+    model = optimum.joint.prediction.model
+    apart = np.abs(np.array(optimum.competing) - optimum.pilot) / np.sqrt(np.diag(covariance))
     if apart.max() < ESTIMATE.other_optimum:
         return None
-    other = found.competing[int(np.argmax(apart.max(axis=1)))]
-    told = ", ".join(f"{key} {value:.3g}" for key, value in zip(model.keys, other, strict=True))
+    other = optimum.competing[int(np.argmax(apart.max(axis=1)))]
+    words = ", ".join(f"{key} {value:.3g}" for key, value in zip(model.keys, other, strict=True))
     return Remark(
         "competing-optimum",
-        f"another optimum is as likely: {told}; the intervals hold both; fix a parameter (--fix), "
+        f"another optimum is as likely: {words}; the intervals hold both; fix a parameter (--fix), "
         "or choose a simpler model",
     )
 
 
-def _slow_lag(found: Optimum) -> Remark | None:
-    prediction = found.joint.prediction
-    lag = prediction.outlasting_lag(found.pilot)
+def _slow_lag(optimum: Optimum) -> Remark | None:
+    prediction = optimum.joint.prediction
+    lag = prediction.outlasting_lag(optimum.pilot)
     if not lag:
         return None
     return Remark(
@@ -319,20 +228,40 @@ def _slow_lag(found: Optimum) -> Remark | None:
     )
 
 
-def _varying(found: Optimum, recording: Recording) -> Remark | None:
-    test = constancy(found, recording)
-    if test is None or test.p >= ESTIMATE.seldom or test.size < ESTIMATE.changes_by:
+def gains_change(optimum: Optimum, recording: Recording) -> Remark | None:
+    """A remark that gains and leads change, where that is certain and large.
+
+    Of score tests at many times the largest counts (Andrews, Econometrica 61(4), 1993).  A constant
+    pilot has no time of change, so that it is not chi-squared (Davies, Biometrika 74(1), 1987): the
+    p-value is that of one time, times the number of times (Bonferroni).  A slower change is seen as
+    a step in its middle, and what a wrong model leaves as far as it looks like one of gain and
+    lead.  People do vary: in several runs of 80 s together changes of a fifth of a gain, which no
+    fit need mind, are certain.
+    """
+    prediction = optimum.joint.prediction
+    varying = may_vary(prediction.model)
+    changes = score_of_changes(optimum.tested_rows, varying, PLACES) if varying else []
+    if not changes:
         return None
+    best = max(changes, key=lambda change: change.statistic)
+    chance = len(changes) * chi_squared_tail(best.freedom, best.statistic)
+    shares = best.steps / optimum.pilot[varying]
+    if chance >= ESTIMATE.seldom or np.abs(shares).max() < ESTIMATE.changes_by:
+        return None
+    unscored = max(0.0, recording.lead_in - recording.run_in * recording.dt)
+    time = unscored + best.place * prediction.scored * prediction.dt
+    keys = [prediction.model.keys[i] for i in varying]
+    steps = [f"{key} by {100.0 * share:+.0f} %" for key, share in zip(keys, shares, strict=True)]
     return Remark(
         "gains-change",
-        f"{' and '.join(test.keys)} change during the recording, mainly about t = {test.time:.0f} "
-        f"s ({test}; score test, chi-square {test.statistic:.0f} on {len(test.keys)} df), or the "
-        "model lacks a channel or a lag; fit segments (--span), or --model adapting",
+        f"{' and '.join(keys)} change during the recording, mainly about t = {time:.0f} "
+        f"s ({', '.join(steps)}; score test, chi-square {best.statistic:.0f} on {len(keys)} df), "
+        "or the model lacks a channel or a lag; fit segments (--span), or --model adapting",
     )
 
 
-def _changed(found: Optimum) -> Remark | None:
-    rows, pilot, model = found.tested_rows, found.pilot, found.joint.prediction.model
+def _changed(optimum: Optimum) -> Remark | None:
+    rows, pilot, model = optimum.tested_rows, optimum.pilot, optimum.joint.prediction.model
     halves = score_of_changes(rows, range(pilot.size), [0.5])
     if not halves or not halves[0].freedom:
         return None
@@ -367,8 +296,8 @@ def uneven(errors: FloatArray) -> Remark | None:
     )
 
 
-def _drifting(found: Optimum) -> Remark | None:
-    statistic, drifts = drift_left(found.joint, found.values)
+def _drifting(optimum: Optimum) -> Remark | None:
+    statistic, drifts = drift_left(optimum.joint, optimum.values)
     if statistic <= chi_squared_limit(drifts.size, ESTIMATE.seldom):
         return None
     run = int(np.argmax(np.abs(drifts)))
@@ -382,10 +311,10 @@ def _drifting(found: Optimum) -> Remark | None:
 
 def coloured(errors: FloatArray, terms: BandTerms | None = None) -> Remark | None:
     """A remark that prediction errors (runs, samples) are not white, weighted as in a band."""
-    if terms is None:
-        statistic, freedom = portmanteau(errors, ESTIMATE.lags), ESTIMATE.lags
-    else:
-        statistic, freedom = portmanteau_in_band(errors, terms.weights, ESTIMATE.lags)
+    # Of direct prediction errors all frequencies count but the mean, which may be projected out.
+    every = np.sign(np.arange(errors.shape[1] // 2 + 1.0))
+    weights = every if terms is None else terms.weights
+    statistic, freedom = portmanteau(errors, weights, ESTIMATE.lags)
     if statistic <= chi_squared_limit(freedom, ESTIMATE.seldom):
         return None
     return Remark(
@@ -396,29 +325,7 @@ def coloured(errors: FloatArray, terms: BandTerms | None = None) -> Remark | Non
     )
 
 
-def portmanteau(errors: FloatArray, lags: int) -> float:
-    """Ljung and Box's statistic of prediction errors, all runs together.
-
-    Chi-squared with `lags` degrees of freedom if they are white, or less, since parameters
-    were estimated (Ljung and Box, Biometrika 65(2), 1978).
-
-    Parameters
-    ----------
-    errors
-        Prediction errors, shape (runs, samples).
-    lags
-        Number of lags, from 1 on.
-    """
-    runs, samples = errors.shape
-    power = float(np.sum(errors**2))
-    total = 0.0
-    for lag in range(1, min(lags, samples - 1) + 1):
-        correlation = float(np.sum(errors[:, lag:] * errors[:, :-lag])) / power
-        total += correlation**2 / (samples - lag)
-    return float(runs * samples * (samples + 2.0) * total)
-
-
-def portmanteau_in_band(errors: FloatArray, weights: FloatArray, lags: int) -> tuple[float, int]:
+def portmanteau(errors: FloatArray, weights: FloatArray, lags: int) -> tuple[float, int]:
     """A statistic of prediction errors that is chi-squared if they are white in a band.
 
     Parameters
@@ -468,3 +375,91 @@ def ratio_of_halves(errors: FloatArray) -> tuple[float, float]:
     spread = float(np.var(square) / np.mean(square) ** 2)  # 2 for a normal distribution
     deviation = math.sqrt(spread * (1.0 / first.size + 1.0 / second.size))
     return ratio, math.log(ratio) / deviation
+
+
+def may_vary(model: PilotModel) -> list[int]:
+    """Indices of a model's gains and leads; none of a model that varies already."""
+    keys = {
+        parameter.key
+        for channel in model.channels
+        for factor in channel.dynamics
+        if isinstance(factor, Polynomial)
+        for parameter in factor.parameters
+    }
+    return [] if model.changes else [i for i, key in enumerate(model.keys) if key in keys]
+
+
+class Change(NamedTuple):
+    """The score test of a change at one time.
+
+    Attributes
+    ----------
+    place
+        The time, as a share of the samples.
+    statistic, freedom
+        Chi-squared with so many degrees of freedom under constant parameters.
+    steps
+        By how much each parameter that may change is larger from then on, to first order.
+    """
+
+    place: float
+    statistic: float
+    freedom: int
+    steps: FloatArray
+
+
+def score_of_changes(
+    rows: FloatArray, varying: Sequence[int], places: Sequence[float]
+) -> list[Change]:
+    """The score tests of changes in some parameters, one for each time.
+
+    The score after a time has the covariance I2 - I2 I^-1 I2, with I2 the information after it
+    and I that of the whole (Andrews, Econometrica 61(4), 1993).
+
+    Parameters
+    ----------
+    rows
+        Jacobian by pilot and remnant, and last the prediction error, all whitened, shape
+        (parameters + 1, runs, samples).
+    varying
+        Which rows of the Jacobian are of parameters that may change.
+    places
+        When they may, as shares of the samples.
+
+    Returns
+    -------
+    list of Change
+        Empty where the information is singular.
+    """
+    size = np.sqrt(np.einsum("irt,irt->i", rows[:-1], rows[:-1]))
+    if not np.all(size > 0.0):
+        return []
+    scaled = rows / np.append(size, 1.0)[:, None, None]
+    # Sums over the samples after each time are sums over the stretches between times.
+    samples = rows.shape[-1]
+    ends = [*(math.floor(place * samples + 0.5) for place in places), samples]
+    stretches = [
+        np.tensordot(scaled[varying, :, begin:end], scaled[..., begin:end], ((1, 2), (1, 2)))
+        for begin, end in pairwise(ends)
+    ]
+    tails = np.cumsum(stretches[::-1], axis=0)[::-1]
+    jacobian, errors = scaled[:-1].reshape(len(size), -1), scaled[-1].ravel()
+    inverse = covariance_of(jacobian @ jacobian.T, 1.0)
+    if inverse is None:
+        return []
+    variance = float(errors @ errors) / (errors.size - len(size))
+    # Directions that one part of the recording alone tells of cannot be tested, and are dropped.
+    root = np.linalg.cholesky(inverse[np.ix_(varying, varying)])
+    changes = []
+    for place, tail in zip(places, tails, strict=True):
+        # What constant parameters, estimated along with it, make of a change is no sign of one.
+        across, own = tail[:, :-1], tail[:, varying]
+        score = tail[:, -1] - across @ (inverse @ (jacobian @ errors))
+        covariance = root.T @ (own - across @ inverse @ across.T) @ root
+        sizes, directions = np.linalg.eigh(0.5 * (covariance + covariance.T))
+        tested = sizes > ESTIMATE.shared_by_halves
+        along = directions[:, tested].T @ root.T @ score
+        statistic = float(np.sum(along**2 / sizes[tested])) / variance
+        steps = root @ directions[:, tested] @ (along / sizes[tested]) / size[varying]
+        changes.append(Change(place, statistic, along.size, steps))
+    return changes

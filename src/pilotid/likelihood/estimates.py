@@ -1,15 +1,39 @@
-"""What an optimum becomes: an estimate with its outcome, intervals and VAF."""
+"""What an optimum becomes, and what an estimate says of recordings.
+
+An optimum becomes an estimate with its outcome, intervals and VAF; that of a white residual (output
+error) is polished here.  An estimate simulates, predicts and scores recordings, those it was not
+fitted to as well.
+"""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
 import numpy as np
 
-from pilotid.estimate.estimate import Estimate, Starts, outcome_of, symmetric_intervals
+from pilotid.estimate.estimate import (
+    Estimate,
+    Outcome,
+    Starts,
+    failed,
+    outcome_of,
+    symmetric_intervals,
+)
+from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction, predict
+from pilotid.likelihood.prepare import analysis_band, lowpass
+from pilotid.likelihood.remnant_models import best_noise_model, filter_of
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.least_squares import Minima
-from pilotid.support.types import FloatArray
+from pilotid.solve.covariance import REACH, covariance_of, score_products
+from pilotid.solve.least_squares import Minima, minimise
+from pilotid.support.remarks import Remark
+from pilotid.support.types import FloatArray, InputError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 def simulated_vaf(
@@ -85,3 +109,246 @@ def make_estimate(
         vaf=simulated_vaf(recording, model, values, prediction),
         message=message,
     )
+
+
+@dataclass(frozen=True)
+class WhiteLikelihood:
+    """How a search under a white residual ends.
+
+    Attributes
+    ----------
+    band
+        Analysis band [rad/s]; None uses the full sampling rate, as AIAA 2008-7109 does.
+    """
+
+    band: float | None = None
+    name: ClassVar[str]
+
+    def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """None: any recording and any model will do."""
+        return None
+
+    def polished(self, recording: Recording, model: PilotModel, search: Minima) -> Estimate:
+        """The estimate that the best end of a search leads to.
+
+        Parameters
+        ----------
+        recording, model
+            What is fitted.
+        search
+            The search in a narrower band.
+        """
+        prediction = predict(recording, model, self.band)
+        start = search.values[0]
+        terms = prediction.noticeable_terms(start)
+        problem = Likelihood(replace(prediction, nuisance_poles=terms))
+        end = minimise(problem.gram, start[None], model, tolerance=1e-8)
+        values, gram = end.values[0], end.gram[0]
+        variance = gram[-1, -1] / (problem.residuals - len(values))
+        covariance = covariance_of(gram[:-1, :-1], variance)
+        if covariance is None:
+            return failed(self.name, model, Outcome.SINGULAR)
+        estimate = make_estimate(
+            self.name,
+            recording,
+            model,
+            values,
+            covariance,
+            converged=bool(end.converged[0]),
+            prediction=prediction if self.band is None else None,
+        )
+        iterations = search.iterations + end.iterations
+        return replace(estimate, iterations=iterations, remarks=too_short(problem, values))
+
+
+def too_short(problem: Likelihood, values: FloatArray) -> tuple[Remark, ...]:
+    """A remark where the residual is coloured, with what that does to errors claimed as if white.
+
+    The scores' variance over what it would be of a white residual is that of the errors, as in
+    `pilotid.solve.covariance.sandwich_of`.
+
+    Parameters
+    ----------
+    problem, values
+        The problem, and its optimum, shape (parameters,).
+    """
+    rows = problem.rows(values[None])[0]
+    claimed = np.sum(rows[:-1] ** 2, axis=(1, 2)) * np.mean(rows[-1] ** 2)
+    measured = np.diag(score_products(rows, max(1, round(REACH / problem.prediction.dt))))
+    factor = float(np.sqrt(np.median(measured / np.maximum(claimed, 1e-300))))
+    if not factor > 1.5:
+        return ()
+    return (
+        Remark(
+            "residual-not-white",
+            f"the residual is coloured: standard errors and intervals are about {factor:.1f} times "
+            "too short, and the estimate is biased in a closed loop; use mle or bayes",
+        ),
+    )
+
+
+BAND = 50.0  # of a remnant that the estimate does not know [rad/s], that of `mle`
+
+
+class Score(NamedTuple):
+    """How well an estimate predicts a recording.
+
+    Attributes
+    ----------
+    vaf
+        Variance accounted for by the response to the recorded inputs [%].
+    log_score
+        Log-likelihood of the control under pilot and remnant, of all runs; NaN if the remnant is
+        not known.
+    """
+
+    vaf: float
+    log_score: float
+
+
+class _Predicted(NamedTuple):
+    """A recording prepared in the remnant's band, a whitening filter, and the errors' variance."""
+
+    prediction: Prediction
+    taps: FloatArray
+    variance: float
+
+
+def simulated(estimate: Estimate, recording: Recording) -> DataFrame:
+    """See `Estimate.simulate`."""
+    _require_values(estimate)
+    prediction = predict(recording, estimate.model).with_decays(estimate.values)
+    return _frame(prediction, "simulated", prediction.errors(estimate.values))
+
+
+def predicted(estimate: Estimate, recording: Recording, fitted_to: Recording | None) -> DataFrame:
+    """See `Estimate.predict`."""
+    known = _known_remnant(estimate, recording, fitted_to)
+    if known is None:
+        raise InputError(
+            f"the estimate by {estimate.method} has no model of the remnant; give the recording "
+            "that it was fitted to as well, as in predict(recording, fitted_to)"
+        )
+    errors = known.prediction.errors(estimate.values, known.taps)
+    return _frame(known.prediction, "predicted", errors).assign(std=math.sqrt(known.variance))
+
+
+def scored(estimate: Estimate, recording: Recording, fitted_to: Recording | None) -> Score:
+    """See `Estimate.score`."""
+    known, log_score = _known_remnant(estimate, recording, fitted_to), math.nan
+    if known is not None:
+        errors, variance = known.prediction.errors(estimate.values, known.taps), known.variance
+        squares = float(np.sum(errors**2)) / variance
+        log_score = -0.5 * (errors.size * math.log(2.0 * math.pi * variance) + squares)
+    return Score(simulated_vaf(recording, estimate.model, estimate.values), log_score)
+
+
+class Whitened(NamedTuple):
+    """Prediction errors in an analysis band.
+
+    Attributes
+    ----------
+    dt
+        Sampling interval in the band [s].
+    errors
+        Prediction errors in the unit of the control, shape (runs, samples).
+    inputs
+        What the model's channels act on, by the signal's name, low-passed to the band and
+        without its mean; each of shape (runs, samples).
+    """
+
+    dt: float
+    errors: FloatArray
+    inputs: dict[str, FloatArray]
+
+
+def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
+    """The prediction errors of an estimate on what it was fitted to.
+
+    They are whitened by the estimate's model of the remnant, or without one by the model that
+    suits best what the estimate leaves, see `best_noise_model`.
+
+    Parameters
+    ----------
+    recording
+        What was fitted.
+    estimate
+        An estimate with values.
+    """
+    known = _known_remnant(estimate, recording, None if estimate.remnant else recording)
+    assert known is not None
+    prediction = known.prediction
+    places = np.round(prediction.time / recording.dt).astype(int) + recording.run_in
+    inputs = {}
+    for key in dict.fromkeys(channel.on for channel in estimate.model.channels):
+        taps, runs = lowpass(prediction.band.factor), recording.input(key)
+        signal = np.array([np.convolve(run, taps, "same")[places] for run in runs])
+        inputs[key] = signal - signal.mean(axis=1, keepdims=True)
+    return Whitened(prediction.dt, prediction.errors(estimate.values, known.taps), inputs)
+
+
+def correlations(errors: FloatArray, signal: FloatArray, lags: range) -> FloatArray:
+    """Correlation coefficients of errors with a signal some samples before, all runs together.
+
+    Parameters
+    ----------
+    errors, signal
+        Shape (runs, samples), both without a mean.
+    lags
+        Whole numbers of samples; negative ones for a signal after the error.
+
+    Returns
+    -------
+    FloatArray
+        Shape (lags,).
+    """
+    samples = errors.shape[1]
+    sums = []
+    for lag in lags:
+        late, early = (errors, signal) if lag >= 0 else (signal, errors)
+        gap = min(abs(lag), samples)
+        sums.append(float(np.sum(late[:, gap:] * early[:, : samples - gap])))
+    return np.array(sums) / math.sqrt(float(np.sum(errors**2)) * float(np.sum(signal**2)))
+
+
+def _require_values(estimate: Estimate) -> None:
+    if not np.isfinite(estimate.values).all():
+        raise InputError(f"the estimate by {estimate.method} has no values: {estimate.sentence}")
+
+
+def _known_remnant(
+    estimate: Estimate, recording: Recording, fitted_to: Recording | None
+) -> _Predicted | None:
+    """The remnant that the estimate leaves of what it was fitted to, or says itself; None of none.
+
+    Offsets alone are fitted to a run that is predicted.
+    """
+    _require_values(estimate)
+    model, values, remnant = estimate.model, estimate.values, estimate.remnant
+
+    def prepared(of: Recording, rate: float | None) -> Prediction:
+        return replace(predict(of, model, rate), nuisance_poles=(0.0,))
+
+    if fitted_to is not None:
+        band = analysis_band(fitted_to.dt, BAND)
+        known = prepared(fitted_to, BAND)
+        taps = best_noise_model(known.errors(values), band).whitener(band)
+        variance = float(np.mean(known.errors(values, taps) ** 2))
+        return _Predicted(prepared(recording, BAND), taps, variance)
+    if remnant is None:
+        return None
+    band, taps, variance = filter_of(remnant, recording.dt)
+    return _Predicted(prepared(recording, band.limit), taps, variance)
+
+
+def _frame(prediction: Prediction, name: str, errors: FloatArray) -> DataFrame:
+    """A row for each run and scored sample."""
+    from pandas import DataFrame
+
+    control, runs = prediction.control, prediction.runs
+    columns = {
+        "run": np.repeat(np.arange(1, runs + 1), prediction.scored),
+        "time": np.tile(prediction.time, runs),
+        "control": control.ravel(),
+    }
+    return DataFrame({**columns, name: (control - errors).ravel()})

@@ -61,7 +61,7 @@ class Moments(Problem):
 
     Parameters
     ----------
-    found
+    optimum
         The optimum of the likelihood: band, weights and whitening filter.
     reference
         The recording whose Jacobian the instruments are.
@@ -69,13 +69,13 @@ class Moments(Problem):
         Parameters at which the prediction errors tell their power, shape (parameters,).
     """
 
-    def __init__(self, found: Optimum, reference: Recording, values: FloatArray) -> None:
-        self._prediction = prediction = found.joint.prediction
-        self._taps, whitener = found.whitener, Whitener(found.whitener)
+    def __init__(self, optimum: Optimum, reference: Recording, values: FloatArray) -> None:
+        self._prediction = prediction = optimum.joint.prediction
+        self._taps, whitener = optimum.whitener, Whitener(optimum.whitener)
         self._whitened = Likelihood(replace(prediction, nuisance_poles=()), whitener)
         other = predict(reference, prediction.model, prediction.band.limit)
         other = replace(other, nuisance_poles=prediction.nuisance_poles)
-        self._instruments = self._weighed(Likelihood(other, whitener).rows(found.pilot[None]))[
+        self._instruments = self._weighed(Likelihood(other, whitener).rows(optimum.pilot[None]))[
             0, :-1
         ]
         self.weigh_at(values)
@@ -105,7 +105,7 @@ class Moments(Problem):
 
 
 def specification_by_instruments(
-    found: Optimum, recording: Recording, values: FloatArray, covariance: FloatArray, against: str
+    optimum: Optimum, recording: Recording, values: FloatArray, covariance: FloatArray, against: str
 ) -> Specification | None:
     """An efficient estimate tested against the moments of instruments, where no lines can test it.
 
@@ -115,14 +115,14 @@ def specification_by_instruments(
 
     Parameters
     ----------
-    found, recording
+    optimum, recording
         The optimum of the likelihood, and what was fitted.
     values, covariance
         The estimate, shapes (parameters,) and (parameters, parameters).
     against
         The method whose moments they are.
     """
-    prediction = found.joint.prediction
+    prediction = optimum.joint.prediction
     model = prediction.model
     driven = any(np.ptp(s) > 0.0 for s in forcing_functions(recording))
     if model.changes or prediction.weighting is None or not driven:
@@ -131,7 +131,7 @@ def specification_by_instruments(
     if element is None or not is_stable(model, values, element):
         return None
     try:
-        moments = Moments(found, references(recording, model, values, element), values)
+        moments = Moments(optimum, references(recording, model, values, element), values)
     except np.linalg.LinAlgError:  # a parameter that no forcing function excites
         return None
     rows = moments.rows(values[None])[0]

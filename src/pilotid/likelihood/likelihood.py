@@ -19,7 +19,7 @@ import numpy as np
 from pilotid.likelihood.prediction import Prediction
 from pilotid.likelihood.remnant_models import WHITE, NoiseModel
 from pilotid.solve.least_squares import Problem
-from pilotid.support.types import BoolArray, ComplexArray, FloatArray
+from pilotid.support.types import ComplexArray, FloatArray
 
 
 class Likelihood(Problem):
@@ -48,22 +48,11 @@ class Likelihood(Problem):
         self.prediction, self.noise, self.adjoint = prediction, noise, adjoint
         self.band, self.band_terms = prediction.band, prediction.band_terms
         self.block = (prediction.binned if adjoint else prediction).block
-        self.pilot_count = len(prediction.model.parameters)
-
-    @cached_property
-    def lower(self) -> FloatArray:
-        """Lower bounds."""
-        return np.concatenate([self.prediction.model.lower, self.noise.lower])
-
-    @cached_property
-    def upper(self) -> FloatArray:
-        """Upper bounds."""
-        return np.concatenate([self.prediction.model.upper, self.noise.upper])
-
-    @cached_property
-    def positive(self) -> BoolArray:
-        """Which parameters are searched on a logarithmic scale."""
-        return np.concatenate([self.prediction.model.positive, self.noise.positive])
+        model = prediction.model
+        self.pilot_count = len(model.parameters)
+        self.lower = np.concatenate([model.lower, noise.lower])
+        self.upper = np.concatenate([model.upper, noise.upper])
+        self.positive = np.concatenate([model.positive, noise.positive])
 
     @cached_property
     def coarse(self) -> Likelihood:
@@ -74,10 +63,6 @@ class Likelihood(Problem):
     def residuals(self) -> int:
         """Number of prediction errors, see `Prediction.samples`; in a band that of its bins."""
         return self.prediction.samples if self.band_terms is None else self.band_terms.residuals
-
-    def whitener(self, values: FloatArray) -> FloatArray:
-        """Whitening filter at one parameter set, shape (taps,)."""
-        return np.asarray(self.noise.taps(values[None, self.pilot_count :], self.band)[0][0])
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Jacobian of the prediction, and below it the prediction error.

@@ -176,6 +176,8 @@ class Prediction:
         Length of the transform.
     first, scored
         Index of the first scored sample, and number of scored samples.
+    time
+        Time of the scored samples [s], shape (scored,).
     nuisance_poles
         Poles of the nuisance terms e^{pole t} [rad/s]: 0 for an offset, and the model's
         fixed poles for their free decay.
@@ -197,6 +199,7 @@ class Prediction:
     length: int
     first: int
     scored: int
+    time: FloatArray
     nuisance_poles: tuple[float, ...]
     fine: tuple[FineInput | None, ...]
     weighting: Weighting | None
@@ -532,22 +535,17 @@ class Prediction:
 
     def shifts(self, count: int) -> ComplexArray:
         """Responses of delays by 0 to `count` - 1 samples at the bins, shape (count, bins)."""
-        return (self._shifts if count <= REACH + 1 else self._far_shifts)[:count]
+        reach = REACH if count <= REACH + 1 else FAR
+        if reach not in self._shifts:
+            powers = np.ones((reach + 1, self.s.size), dtype=complex)
+            powers[1:] = np.exp(-self.s * self.dt)
+            self._shifts[reach] = np.asarray(np.cumprod(powers, axis=0), dtype=complex)
+        return self._shifts[reach][:count]
 
     @cached_property
-    def _shifts(self) -> ComplexArray:
-        """Responses of delays by 0 to REACH samples at the bins."""
-        return self._delays_to(REACH)
-
-    @cached_property
-    def _far_shifts(self) -> ComplexArray:
-        """The same up to FAR samples."""
-        return self._delays_to(FAR)
-
-    def _delays_to(self, samples: int) -> ComplexArray:
-        powers = np.ones((samples + 1, self.s.size), dtype=complex)
-        powers[1:] = np.exp(-self.s * self.dt)
-        return np.asarray(np.cumprod(powers, axis=0), dtype=complex)
+    def _shifts(self) -> dict[int, ComplexArray]:
+        """Responses that are known, by the longest delay in samples."""
+        return {}
 
     @property
     def nuisance_terms(self) -> FloatArray:
@@ -628,6 +626,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         length=length,
         first=extension + prepared.first,
         scored=prepared.scored,
+        time=prepared.time[prepared.first : prepared.first + prepared.scored],
         nuisance_poles=(0.0, *model.fixed_poles),
         fine=fine,
         weighting=None,

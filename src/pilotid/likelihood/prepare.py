@@ -101,7 +101,7 @@ def fast_length(samples: int) -> int:
     return best
 
 
-SHORTEST_SCORED = 3.0  # seconds that must remain to be scored
+MIN_SCORED = 3.0  # seconds that must remain to be scored
 DIFFERENCE_REACH = 12  # samples on either side that a central difference uses
 ATTENUATION = 50.0  # dB, of the low-pass filter
 
@@ -137,11 +137,6 @@ class Prepared:
     scored: int
     time: FloatArray
 
-    @property
-    def scored_time(self) -> FloatArray:
-        """Time of the scored samples [s], shape (scored,)."""
-        return self.time[self.first : self.first + self.scored]
-
 
 def decimation(dt: float, band: float | None) -> int:
     """Largest whole factor that keeps the band below half the new sampling rate."""
@@ -175,10 +170,10 @@ def prepare(
     lead_in = recording.lead_in if unscored is None else unscored
     first_scored = max(recording.run_in, round(lead_in / recording.dt), half)
     unseen = round(model.ahead / recording.dt)
-    if total - 1 - half - first_scored - unseen < SHORTEST_SCORED / recording.dt:
+    if total - 1 - half - first_scored - unseen < MIN_SCORED / recording.dt:
         raise InputError(
             f"{recording.source}: {total * recording.dt:.3g} s of recording leave less than "
-            f"{SHORTEST_SCORED:g} s to score in the analysis band; "
+            f"{MIN_SCORED:g} s to score in the analysis band; "
             "use a longer recording or a wider band"
         )
     before = (first_scored - half) // factor

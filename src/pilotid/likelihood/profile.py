@@ -19,7 +19,6 @@ import numpy as np
 
 from pilotid.estimate.estimate import Estimate, is_at_bound
 from pilotid.likelihood.optimum import Optimum
-from pilotid.likelihood.settings import USUAL_SYSTEM_DEVIANCE
 from pilotid.model.factors import Neuromuscular
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
@@ -33,56 +32,60 @@ from pilotid.support.types import BoolArray, FloatArray
 SHIFTS, FROM_RATES = (0.25, 0.75, 1.5, 2.5, 4.0, 6.0), (0.4, 20.0)
 RATES, FROM_SHIFTS = (0.1, 0.2, 0.4, 0.8, 2.0, 6.0, 20.0, 100.0), (-2.0, -1.0, 0.0, 1.0, 2.0)
 
+#: Tuned: deviance below which a recording does not tell an unusual neuromuscular system from a
+#: usual one: the best of many local optima exceeds the truth by up to 13 (disturbances of low
+#: frequency alone, 60 recordings).
+USUAL_SYSTEM_DEVIANCE = 15.0
 #: Frequencies [rad/s] and damping ratios of the neuromuscular systems of most people.
 FREQUENCIES, DAMPINGS = (8.0, 11.0, 15.0), (0.2, 0.3, 0.6)
 #: Standard errors of a damping ratio beyond which it is surely another one.
 SURE = 10.0
 
 
-def profile_likelihood(found: Optimum) -> tuple[Optimum, Profile | None]:
+def profile_likelihood(optimum: Optimum) -> tuple[Optimum, Profile | None]:
     """Profile the likelihood, and go to a better optimum that is come upon.
 
     Parameters
     ----------
-    found
+    optimum
         The optimum of a search.
 
     Returns
     -------
     The best optimum, and the profile about it; None where the remnant has no shape.
     """
-    profile = profile_about(found)
+    profile = profile_about(optimum)
     for _ in range(3):
         if profile is None or profile.better is None:
             break
-        moved = found.restarted_at(profile.better)
-        if found.is_pilot and not moved.is_pilot:
+        moved = optimum.restarted_at(profile.better)
+        if optimum.is_pilot and not moved.is_pilot:
             break
-        found = moved
-        profile = profile_about(found)
-    return found, profile
+        optimum = moved
+        profile = profile_about(optimum)
+    return optimum, profile
 
 
-def with_profile(estimate: Estimate, found: Optimum, profile: Profile) -> Estimate:
+def with_profile(estimate: Estimate, optimum: Optimum, profile: Profile) -> Estimate:
     """An estimate with the intervals of a profile, and the standard errors that belong to them.
 
     Parameters
     ----------
     estimate
         The estimate with the covariance of the likelihood's curvature.
-    found, profile
+    optimum, profile
         See `profile_likelihood`.
     """
-    sought, covariance = deviances(found), estimate.covariance
-    intervals = over_systems(found, profile.intervals)
+    sought, covariance = deviances(optimum), estimate.covariance
+    intervals = over_systems(optimum, profile.intervals)
     # The length of an interval tells the scatter of skewed estimates; the likelihood's
     # curvature at its maximum, from which the covariance is, only the middle of it.
     length = np.diff(intervals, axis=1)[:, 0]
-    factor = found.variance_factor * found.element_factor
+    factor = optimum.variance_factor * optimum.element_factor
     errors = length / (2.0 * np.sqrt(sought / factor))
     estimate = replace(
         estimate,
-        intervals=over_changes(found, intervals),
+        intervals=over_changes(optimum, intervals),
         errors=errors if (errors > 0.0).all() else None,
     )
     at_bound = is_at_bound(estimate.model, estimate.values)
@@ -93,72 +96,74 @@ def with_profile(estimate: Estimate, found: Optimum, profile: Profile) -> Estima
     return estimate if inside is None else replace(estimate, covariance=inside)
 
 
-def profile_about(found: Optimum) -> Profile | None:
+def profile_about(optimum: Optimum) -> Profile | None:
     """Intervals about an optimum that hold others as far as they are as likely."""
-    joint, end = found.joint, found.end
-    if covariance_of(end.gram[0, :-1, :-1], found.variance) is None:
+    joint, end = optimum.joint, optimum.end
+    if covariance_of(end.gram[0, :-1, :-1], optimum.variance) is None:
         return None
-    remnant = found.values[joint.pilot_count :]
-    others = [off_bounds(found)]
-    if len(found.competing):
-        starts = np.array([np.concatenate([pilot, remnant]) for pilot in found.competing])
-        others.insert(0, _ends(found, starts, joint))
+    remnant = optimum.values[joint.pilot_count :]
+    others = [off_bounds(optimum)]
+    if len(optimum.competing):
+        starts = np.array([np.concatenate([pilot, remnant]) for pilot in optimum.competing])
+        others.insert(0, _ends(optimum, starts, joint))
     return profile_intervals(
-        found.search_problem.gram,
+        optimum.search_problem.gram,
         joint,
         end,
-        found.variance,
+        optimum.variance,
         joint.pilot_count,
-        estimated=found.freedom,
-        widened=deviances(found) / CHI_SQUARED_95,
+        estimated=optimum.freedom,
+        widened=deviances(optimum) / CHI_SQUARED_95,
         others=np.concatenate(others),
     )
 
 
-def off_bounds(found: Optimum) -> FloatArray:
+def off_bounds(optimum: Optimum) -> FloatArray:
     """Optima with parameters held off their bounds, pilot and remnant, shape (points, parameters).
 
     Parameters
     ----------
-    found
+    optimum
         The optimum; without a parameter at a bound there are none.
     """
-    joint, optimum = found.joint, found.values
+    joint, values = optimum.joint, optimum.values
     model = joint.prediction.model
-    at_bound = np.flatnonzero(is_at_bound(model, found.pilot))
+    at_bound = np.flatnonzero(is_at_bound(model, optimum.pilot))
     low, high = model.usual
     middle = np.where(model.positive, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
-    bases = [optimum.copy()]
-    if found.lines_pilot is not None:
-        # What the lines show rests on no model of the remnant.
-        bases.append(np.concatenate([found.lines_pilot[0], optimum[joint.pilot_count :]]))
+    bases = [values.copy()]
+    # What the lines show rests on no model of the remnant.
+    remnant = values[joint.pilot_count :]
+    bases += [np.concatenate([pilot, remnant]) for pilot in optimum.lines_pilot]
     bases[0][at_bound] = middle[at_bound]
     points = []
     for k in at_bound.tolist():
         for value in (low[k], middle[k], high[k]):
             starts = np.array(bases)
             starts[:, k] = value
-            points.append(_ends(found, starts, Box.holding(joint, k, value)))
-    return np.concatenate([np.zeros((0, len(optimum))), *points])
+            points.append(_ends(optimum, starts, Box.holding(joint, k, value)))
+    return np.concatenate([np.zeros((0, len(values))), *points])
 
 
-def _ends(found: Optimum, starts: FloatArray, space: Bounds) -> FloatArray:
-    return minimise(found.search_problem.gram, starts, space, tolerance=1e-5, iterations=20).values
+def _ends(optimum: Optimum, starts: FloatArray, space: Bounds) -> FloatArray:
+    return minimise(
+        optimum.search_problem.gram, starts, space, tolerance=1e-5, iterations=20
+    ).values
 
 
-def deviances(found: Optimum) -> FloatArray:
+def deviances(optimum: Optimum) -> FloatArray:
     """Deviance that the intervals of the pilot's parameters go to, shape (parameters,).
 
     When a change was and how fast are one event with many optima, and the likeliest of these
     exceeds the truth by more than a single parameter's share: intervals of both are the shadows of
     their joint region, that of two degrees of freedom.
     """
-    sought = np.full(found.joint.pilot_count, CHI_SQUARED_95)
-    sought[list(found.joint.prediction.model.change)] = CHI_SQUARED_95_OF_TWO
-    return np.asarray(found.variance_factor * found.element_factor * sought)
+    sought = np.full(optimum.joint.pilot_count, CHI_SQUARED_95)
+    sought[list(optimum.joint.prediction.model.change)] = CHI_SQUARED_95_OF_TWO
+    return np.asarray(optimum.variance_factor * optimum.element_factor * sought)
 
 
-def over_systems(found: Optimum, intervals: FloatArray) -> FloatArray:
+def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
     """Intervals (parameters, 2) that hold a usual neuromuscular system, too, if it may be true.
 
     Where forcing functions tell little of the system, the likelihood has many local optima, narrow
@@ -167,58 +172,60 @@ def over_systems(found: Optimum, intervals: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    found
+    optimum
         The optimum.
     intervals
         Those of the profile about it.
     """
-    joint, model = found.joint, found.joint.prediction.model
+    joint, model = optimum.joint, optimum.joint.prediction.model
     factors = [factor for channel in model.channels for factor in channel.dynamics]
     systems = {factor: None for factor in factors if isinstance(factor, Neuromuscular)}
     for own in systems:
         f, d = model.index[own.frequency_key], model.index[own.damping_key]
-        start = found.values.copy()
+        start = optimum.values.copy()
         usual = (
             FREQUENCIES[0] < start[f] < FREQUENCIES[-1] and DAMPINGS[0] < start[d] < DAMPINGS[-1]
         )
         error = math.log(intervals[d, 1] / intervals[d, 0]) / (2.0 * Z95)
         if usual or abs(math.log(start[d] / DAMPINGS[1])) > SURE * error:
             continue
-        factor = found.variance_factor * float(np.max(found.element_factor))
-        limit = float(found.end.cost[0]) * math.exp(factor * USUAL_SYSTEM_DEVIANCE / found.freedom)
+        factor = optimum.variance_factor * float(np.max(optimum.element_factor))
+        limit = float(optimum.end.cost[0]) * math.exp(
+            factor * USUAL_SYSTEM_DEVIANCE / optimum.freedom
+        )
         for frequency, damping in product(FREQUENCIES, DAMPINGS[1:]):
             point = start.copy()
             point[[f, d]] = frequency, damping
             # The sum of all delays, which is known best, stays.
             point[list(model.delays)] += 2.0 * (start[d] / start[f] - damping / frequency)
-            held = Box.holding(Box.holding(joint, f, frequency), d, damping)
-            point = np.clip(point, held.lower, held.upper)
+            fixed = Box.holding(Box.holding(joint, f, frequency), d, damping)
+            point = np.clip(point, fixed.lower, fixed.upper)
             end = minimise(
-                found.search_problem.gram, point[None], held, tolerance=1e-3, iterations=20
+                optimum.search_problem.gram, point[None], fixed, tolerance=1e-3, iterations=20
             )
             suits = np.full(joint.pilot_count, end.cost[0] < limit)
             intervals = _holding(intervals, end.values[0, : joint.pilot_count], suits)
     return intervals
 
 
-def over_changes(found: Optimum, intervals: FloatArray) -> FloatArray:
+def over_changes(optimum: Optimum, intervals: FloatArray) -> FloatArray:
     """Intervals (parameters, 2) that hold the optima of other changes, too.
 
     Parameters
     ----------
-    found
+    optimum
         The optimum.
     intervals
         Those of the profile about it.
     """
-    joint, optimum, pilot = found.joint, found.values, found.joint.pilot_count
+    joint, values, pilot = optimum.joint, optimum.values, optimum.joint.pilot_count
     if not joint.prediction.model.changes:
         return intervals
-    target = float(found.end.cost[0]) * np.exp(deviances(found) / found.freedom)
+    target = float(optimum.end.cost[0]) * np.exp(deviances(optimum) / optimum.freedom)
     middle, rate = joint.prediction.model.change
     low, high = intervals[middle]
     beyond = [low - far for far in SHIFTS] + [high + far for far in SHIFTS]
-    near = tuple(float(optimum[middle]) + shift for shift in FROM_SHIFTS)
+    near = tuple(float(values[middle]) + shift for shift in FROM_SHIFTS)
     rates = [v for v in RATES if not intervals[rate, 0] <= v <= intervals[rate, 1]]
     result = intervals
     for fixed, value, other, starts in (
@@ -227,7 +234,7 @@ def over_changes(found: Optimum, intervals: FloatArray) -> FloatArray:
     ):
         if not joint.lower[fixed] <= value <= joint.upper[fixed]:
             continue
-        points = np.tile(optimum, (len(starts), 1))
+        points = np.tile(values, (len(starts), 1))
         points[:, fixed], points[:, other] = value, starts
         fits = minimise(
             joint.gram,
@@ -243,7 +250,7 @@ def over_changes(found: Optimum, intervals: FloatArray) -> FloatArray:
 
 def _holding(intervals: FloatArray, point: FloatArray, suits: BoolArray) -> FloatArray:
     """Intervals (parameters, 2) that hold a point, too, in the parameters that it suits."""
-    held = np.stack(
+    extended = np.stack(
         [np.minimum(intervals[:, 0], point), np.maximum(intervals[:, 1], point)], axis=1
     )
-    return np.where(suits[:, None], held, intervals)
+    return np.where(suits[:, None], extended, intervals)

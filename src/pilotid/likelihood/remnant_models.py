@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -21,11 +21,72 @@ from pilotid.estimate.parts import RemnantEstimate
 from pilotid.likelihood.prepare import FAR, REACH, Band, prediction_error_filters
 from pilotid.support.types import BoolArray, FloatArray
 
-SPECTRA = 64  # spectra evaluated at once: about what the processor's cache holds
+#: Bounds of the parameters of filters; autoregressive coefficients have none.
+BOUNDS = {"frequency": (0.2, 200.0), "damping": (0.05, 5.0), "corner": (0.05, 10.0)}
+
+
+class RemnantFamily(Protocol):
+    """A family of remnant spectra, up to the power, which is estimated apart.
+
+    It has the bounds of its parameters, so that `pilotid.solve.least_squares.minimise` searches it.
+
+    Attributes
+    ----------
+    regressive
+        Whether its parameters are coefficients of the residual's own past.
+    """
+
+    regressive: bool = False
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Names of its parameters."""
+
+    @property
+    def lower(self) -> FloatArray:
+        """Lower bounds, shape (parameters,)."""
+        return np.array([BOUNDS.get(key, (-np.inf, np.inf))[0] for key in self.keys])
+
+    @property
+    def upper(self) -> FloatArray:
+        """Upper bounds, shape (parameters,)."""
+        return np.array([BOUNDS.get(key, (-np.inf, np.inf))[1] for key in self.keys])
+
+    @property
+    def positive(self) -> BoolArray:
+        """Which parameters are searched on a logarithmic scale, shape (parameters,)."""
+        return np.array([key in BOUNDS for key in self.keys], dtype=bool)
+
+    def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
+        """Whitening filters and their derivatives.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        band
+            The analysis band.
+
+        Returns
+        -------
+        Taps, shape (sets, taps), the first of which is one, and their derivatives,
+        shape (sets, parameters, taps).
+        """
+
+    def filters(self, values: FloatArray, band: Band) -> FloatArray:
+        """Whitening filters alone, fast for many sets, shape (sets, taps)."""
+        return self.taps(values, band)[0]
+
+    def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
+        """Parameters that suit a residual, by its `lagged_products`, and the power they leave."""
 
 
 @dataclass(frozen=True)
-class LowPass:
+class LowPass(RemnantFamily):
     """White noise through a low-pass filter of order 0 (white) to 3, as `Remnant` has it.
 
     Attributes
@@ -35,7 +96,6 @@ class LowPass:
     """
 
     order: int
-    regressive = False
     reach = REACH
 
     @property
@@ -44,19 +104,7 @@ class LowPass:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        return ((), ("frequency",), ("frequency", "damping"), ("frequency", "damping"))[self.order]
-
-    @property
-    def lower(self) -> FloatArray:
-        return np.array((0.2, 0.05))[: len(self.keys)]
-
-    @property
-    def upper(self) -> FloatArray:
-        return np.array((200.0, 5.0))[: len(self.keys)]
-
-    @property
-    def positive(self) -> BoolArray:
-        return np.ones(len(self.keys), dtype=bool)
+        return ("frequency", "damping")[: self.order]
 
     def power(
         self, omega: FloatArray, values: FloatArray
@@ -87,20 +135,7 @@ class LowPass:
         return power, (2.0 * ratio * by_ratio / values[:, :1], by_damping)
 
     def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
-        """Whitening filters and their derivatives.
-
-        Parameters
-        ----------
-        values
-            Parameter sets, shape (sets, parameters).
-        band
-            The analysis band.
-
-        Returns
-        -------
-        Taps, shape (sets, taps), the first of which is one, and their derivatives,
-        shape (sets, parameters, taps).
-        """
+        """See `RemnantFamily.taps`."""
         if self.order == 0 and band.factor == 1:
             return np.ones((len(values), 1)), np.zeros((len(values), 0, 1))
         power, log_slopes = self.power(band.folded[0], values)
@@ -121,18 +156,14 @@ class LowPass:
         if self.order == 0:
             one = self.taps(values[:1], band)[0]
             return np.broadcast_to(one, (len(values), one.shape[1]))
-        filters = []
-        for begin in range(0, len(values), SPECTRA):
-            power, _ = self.power(band.folded[0], values[begin : begin + SPECTRA])
-            filters.append(prediction_error_filters(band.autocovariance(power, self.reach)))
-        return np.concatenate(filters)
+        power, _ = self.power(band.folded[0], values)
+        return prediction_error_filters(band.autocovariance(power, self.reach))
 
     def grid(self) -> tuple[FloatArray, ...]:
         """Values of each parameter, which together cover all spectra of the family."""
         return (np.geomspace(0.5, 60.0, 40), np.geomspace(0.12, 1.8, 12))[: len(self.keys)]
 
     def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
-        """Parameters that suit a residual, shape (parameters,), and the power that they leave."""
         grid, taps = _catalogue(self, band)
         reach = taps.shape[1]
         power = np.sum((taps @ products[:reach, :reach]) * taps, axis=1)
@@ -156,30 +187,18 @@ class BandPass(LowPass):
     reach = FAR
 
     @property
-    def _low(self) -> LowPass:
-        return LowPass(self.order)
-
-    @property
     def name(self) -> str:
-        return f"{self._low.name} band-pass"
+        return f"{super().name} band-pass"
 
     @property
     def keys(self) -> tuple[str, ...]:
-        return (*self._low.keys, "corner")
-
-    @property
-    def lower(self) -> FloatArray:
-        return np.array([*self._low.lower, 0.05])
-
-    @property
-    def upper(self) -> FloatArray:
-        return np.array([*self._low.upper, 10.0])
+        return (*super().keys, "corner")
 
     def power(
         self, omega: FloatArray, values: FloatArray
     ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
         """Spectrum at `omega` [rad/s] and the derivatives of its logarithm, see `LowPass.power`."""
-        power, slopes = self._low.power(omega, values[:, :-1])
+        power, slopes = super().power(omega, values[:, :-1])
         corner = values[:, -1:]
         below = omega**2 + corner**2
         # A hundredth is left at rest: a spectrum without power there has no filter.
@@ -193,7 +212,7 @@ class BandPass(LowPass):
 
 
 @dataclass(frozen=True)
-class Autoregressive:
+class Autoregressive(RemnantFamily):
     """An autoregressive spectrum of free shape, for remnants that no low-pass describes.
 
     Attributes
@@ -213,27 +232,12 @@ class Autoregressive:
     def keys(self) -> tuple[str, ...]:
         return tuple(f"a{i}" for i in range(1, self.order + 1))
 
-    @property
-    def lower(self) -> FloatArray:
-        return np.full(self.order, -np.inf)
-
-    @property
-    def upper(self) -> FloatArray:
-        return np.full(self.order, np.inf)
-
-    @property
-    def positive(self) -> BoolArray:
-        return np.zeros(self.order, dtype=bool)
-
     def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
         one = np.ones((len(values), 1))
         slopes = np.broadcast_to(
             np.eye(self.order, self.order + 1, k=1), (len(values), self.order, self.order + 1)
         )
         return np.concatenate([one, values], axis=1), slopes
-
-    def filters(self, values: FloatArray, band: Band) -> FloatArray:
-        return self.taps(values, band)[0]
 
     def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
         own = products[: self.order + 1, : self.order + 1]
@@ -267,13 +271,8 @@ class Whitener(Autoregressive):
 #: No filter: the residual of a prediction is white in its band.
 WHITE = Whitener(np.ones(1))
 
-#: A family of remnant spectra, up to the power, which is estimated apart.  It has the bounds of
-#: its parameters, so that it can be searched by `pilotid.solve.least_squares.minimise`; whitening
-#: filters with their derivatives (`taps`) and alone, fast for many sets (`filters`); and a `guess`
-#: from a residual's `lagged_products`.  The parameters of a `regressive` one are coefficients of
-#: the residual's own past.
+#: A model of the remnant's spectrum.
 NoiseModel = LowPass | Autoregressive
-
 
 #: The remnant's model before one is chosen: most published remnants are of this kind.
 FIRST_NOISE_MODEL = LowPass(2)

@@ -18,32 +18,91 @@ Steps 1 and 2 look at binned spectra, steps 3 and 4 at all samples.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
 from pilotid.estimate.applicability import lines_objection
 from pilotid.estimate.estimate import Starts, is_at_bound
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.optimum import Optimum, PilotCheck
-from pilotid.likelihood.prediction import Prediction, predict, weighted
-from pilotid.likelihood.prepare import decimation
-from pilotid.likelihood.remnant_choice import RemnantChoice
-from pilotid.likelihood.remnant_models import FIRST_NOISE_MODEL, WHITE, Whitener, guess_parameters
-from pilotid.likelihood.settings import (
-    COMPETING_CRITERION,
-    LOOK_CRITERION,
-    MAX_EDGE_INFORMATION,
-    MAX_LOST_INFORMATION,
+from pilotid.likelihood.optimum import (
+    COMPARED_TOLERANCE,
+    REPORTED_TOLERANCE,
     SAME_OPTIMUM_DISTANCE,
-    LikelihoodSettings,
+    Optimum,
+    PilotCheck,
+    descend,
+)
+from pilotid.likelihood.prediction import Prediction, predict, weighted
+from pilotid.likelihood.prepare import Band, decimation
+from pilotid.likelihood.remnant_models import (
+    FIRST_NOISE_MODEL,
+    WHITE,
+    BandPass,
+    Guess,
+    NoiseModel,
+    Whitener,
+    guess_parameters,
+    guesses,
+    lagged_products,
+    neighbours,
 )
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.least_squares import Minima, minimise, solve_linear
-from pilotid.solve.search import draw_starts, search
+from pilotid.solve.least_squares import Minima, draw_starts, minimise, search, solve_linear
 from pilotid.spectral.equations import are_pilots, fit_lines
 from pilotid.support.types import FloatArray
+
+#: Narrow and cheap band in which the first pilot of a white residual is searched [rad/s], and
+#: random starts that are screened there, and minimised.
+SEARCH_BAND, CANDIDATES, REFINED = 26.0, 6, 2
+#: How often the remnant's model is chosen anew at most.
+ROUNDS = 3
+#: Tuned: share of the information on any parameter near the edge of the band of a loop that answers
+#: at once: a narrower band biases delays by up to 10 % (eight pilots in position control, 40 runs
+#: each).
+MAX_EDGE_INFORMATION = 0.01
+#: Tuned: the same of other loops, where it is lost: steps have .13 to .31 there, multisines .00 to
+#: .07 (populations usual and inner, seed 3003).
+MAX_LOST_INFORMATION = 0.1
+#: Tuned: by which the criterion may be higher of a candidate on a first look, and of a remnant's
+#: model beside what a first pilot leaves (populations).
+LOOK_CRITERION = 20.0
+#: Statistics: by which another optimum's criterion may be higher to compete: more than the 3.84 of
+#: an interval's end.
+COMPETING_CRITERION = 5.0
+
+
+@dataclass(frozen=True)
+class LikelihoodSettings:
+    """How the likelihood of pilot and remnant is maximised.
+
+    Attributes
+    ----------
+    band
+        Analysis band [rad/s]; None uses the full sampling rate.
+    wide
+        Wider bands to try, in order, while there is too much information near the edge of the one
+        before; empty for none.  They widen the default band alone: one that is asked for stays.
+    noise
+        The remnant's model, where it is not to be chosen.
+    loop
+        Whether the likelihood is that of the band, which needs the controlled element, or that of
+        direct prediction errors; see `pilotid.likelihood.band_likelihood`.
+    weighed
+        Signals whose floors weigh the frequencies besides those of the model's own inputs.
+    """
+
+    band: float | None = 50.0
+    wide: tuple[float, ...] = (120.0, 300.0)
+    noise: NoiseModel | None = None
+    loop: bool = True
+    weighed: tuple[str, ...] = ()
+
+    def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """None: any recording and any model will do."""
+        return None
 
 
 def maximise_likelihood(
@@ -65,26 +124,27 @@ def maximise_likelihood(
     """
     lines = lines_pilot(recording, model, rng)
     first = first_fit(recording, model, settings, lines, rng)
-    candidates, starts, check = sweep(first, rng, settings, lines)
+    candidates, starts, check = sweep(first, rng, lines)
     whole = first.joint.prediction
     terms = whole.noticeable_terms(candidates[0], first.whitener)
     prediction = replace(whole, nuisance_poles=terms)
     # The lines' pilot rests on no model of the remnant.
-    pilots = [*candidates, *([] if lines is None else lines)]
+    pilots = [*candidates, *lines]
     choices = [RemnantChoice(prediction, pilot, settings.noise, check) for pilot in pilots]
-    fits = [choice.full_fit(settings.rounds) for choice in _likely(choices)]
+    fits = [choice.full_fit() for choice in _likely(choices)]
     best, competing = _best_and_competing(fits)
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
     for _ in range(4):
         before, terms = terms, whole.noticeable_terms(best.pilot, best.whitener)
         if len(terms) == len(before) and np.allclose(terms, before, rtol=0.1):
             break
-        best = optimum_near(replace(whole, nuisance_poles=terms), best.pilot, settings, check)
+        prediction = replace(whole, nuisance_poles=terms)
+        best = RemnantChoice(prediction, best.pilot, settings.noise, check).full_fit().refined()
     best = _with_change_elsewhere(best)
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
         best = best.restarted_at(np.concatenate([ordered, best.values[len(ordered) :]]))
-    return replace(best, starts=starts, lines_pilot=lines, competing=competing)
+    return replace(best, starts=starts, lines_pilot=[*lines], competing=competing)
 
 
 def maxima_from(
@@ -99,28 +159,28 @@ def maxima_from(
     sets
         Pilot parameters, shape (sets, parameters); band and nuisance terms suit the first.
     """
-    first = first_fit(recording, model, settings, sets[:1])
+    first = first_fit(recording, model, settings, sets[:1], np.random.default_rng(0))
     whole = first.joint.prediction
     prediction = replace(whole, nuisance_poles=whole.noticeable_terms(sets[0], first.whitener))
-    return [optimum_near(prediction, pilot, settings) for pilot in sets]
+    choices = [RemnantChoice(prediction, pilot, settings.noise) for pilot in sets]
+    return [choice.full_fit().refined() for choice in choices]
 
 
-def lines_pilot(
-    recording: Recording, model: PilotModel, rng: np.random.Generator
-) -> FloatArray | None:
-    """The pilot that the forcing frequencies show, shape (1, parameters), if it is one."""
+def lines_pilot(recording: Recording, model: PilotModel, rng: np.random.Generator) -> FloatArray:
+    """The pilot of the forcing frequencies, shape (1, parameters); (0, parameters) if none is."""
+    none = np.zeros((0, len(model.parameters)))
     if lines_objection(recording, model):
-        return None
+        return none
     # With 8 starts the optimum depended on the seed in 31 of 175 searches of seven pilots in yaw,
     # with 24 in 16, all of one whose weights change from round to round.
     fit = fit_lines(recording, model, rng, candidates=96, refined=24, same=0.01)
     pilot = fit.values[None]
-    return pilot if np.isfinite(pilot).all() and are_pilots(recording, model, pilot)[0] else None
+    return pilot if np.isfinite(pilot).all() and are_pilots(recording, model, pilot)[0] else none
 
 
-def is_sound(model: PilotModel, lines: FloatArray | None) -> bool:
+def is_sound(model: PilotModel, lines: FloatArray) -> bool:
     """Whether the lines' pilot can guide a search: a fit that ended at a bound may be astray."""
-    return lines is not None and not is_at_bound(model, lines[0]).any()
+    return len(lines) > 0 and not is_at_bound(model, lines[0]).any()
 
 
 # ------------------------------------------------------------- 1. the first pilot, and the band
@@ -130,8 +190,8 @@ def first_fit(
     recording: Recording,
     model: PilotModel,
     settings: LikelihoodSettings,
-    known: FloatArray | None,
-    rng: np.random.Generator | None = None,
+    known: FloatArray,
+    rng: np.random.Generator,
 ) -> Optimum:
     """The best pilot with a second-order remnant, in the first band that is wide enough for it.
 
@@ -144,21 +204,17 @@ def first_fit(
     known
         Pilots to begin at, shape (pilots, parameters): that of the forcing functions' lines, say.
     rng
-        Draws starts for pilots of a white residual where what is known is unsound; None to begin
-        at what is known.
+        Draws starts for pilots of a white residual where what is known is unsound.
     """
-    pilots = known if rng is None or is_sound(model, known) else None
+    pilots = known if is_sound(model, known) else None
     for rate in _rates(recording, settings):
         prediction = predict(recording, model, rate)
         if settings.loop:
             prediction = weighted(prediction, recording, settings.weighed)
         if pilots is None:
-            assert rng is not None
-            white = _whitened(prediction.binned.below(settings.search_band), WHITE)
-            ends = search(
-                white.gram, model, rng, candidates=settings.candidates, refined=settings.refined
-            )
-            pilots = np.concatenate([ends.distinct(), *([] if known is None else [known])])
+            white = _whitened(prediction.binned.below(SEARCH_BAND), WHITE)
+            ends = search(white.gram, model, rng, candidates=CANDIDATES, refined=REFINED)
+            pilots = np.concatenate([ends.distinct(), known])
         joint = Likelihood(prediction, settings.noise or FIRST_NOISE_MODEL)
         first = Optimum(joint, with_remnants(joint, pilots))
         if wide_enough(first):
@@ -229,10 +285,7 @@ def edge_information(prediction: Prediction, pilot: FloatArray, taps: FloatArray
 
 
 def sweep(
-    first: Optimum,
-    rng: np.random.Generator,
-    settings: LikelihoodSettings,
-    lines: FloatArray | None = None,
+    first: Optimum, rng: np.random.Generator, lines: FloatArray
 ) -> tuple[FloatArray, Starts, PilotCheck]:
     """Search the candidates, whitened by the remnant of the first pilot.
 
@@ -242,10 +295,8 @@ def sweep(
         The first pilot.
     rng
         Draws the random starts.
-    settings
-        Number of starts.
     lines
-        The pilot of the forcing functions' lines, shape (1, parameters); None without lines.
+        The pilot of the forcing functions' lines, as of `lines_pilot`.
 
     Returns
     -------
@@ -254,13 +305,12 @@ def sweep(
     """
     coarse = first.joint.prediction.binned
     model, samples = coarse.model, coarse.samples
-    near = np.zeros((0, len(model.parameters))) if lines is None else lines
     check = PilotCheck(coarse, lines)
     whitened = _whitened(coarse, Whitener(first.whitener))
-    count = 0 if is_sound(model, lines) else settings.candidates
+    count = 0 if is_sound(model, lines) else CANDIDATES
     starts = _starts(model, first.pilot, rng, count)
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
-    starts = np.concatenate([first.pilot[None], near, starts])
+    starts = np.concatenate([first.pilot[None], lines, starts])
     rough = minimise(whitened.gram, starts, model, tolerance=1e-3, iterations=8)
     # What is far behind by then is given up, and of starts that met one goes on for all.
     met = group_by_optimum(rough, samples)[:9]
@@ -271,7 +321,7 @@ def sweep(
     passed = ends.only(np.repeat(kept, sizes[kept])).best_first()
     # The whitening of the sweep favours the pilot that it is from.
     candidates, agreeing = optima(passed, samples, far=1000.0)
-    candidates = np.concatenate([candidates, near])
+    candidates = np.concatenate([candidates, lines])
     if len(candidates) > 1:
         own = with_remnants(first.joint, candidates)
         own = own.only(check.which(own))
@@ -351,31 +401,128 @@ def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
 # ------------------------------------------------------- 3. and 4. pilot and remnant together
 
 
-def optimum_near(
-    prediction: Prediction,
-    pilot: FloatArray,
-    settings: LikelihoodSettings,
-    check: PilotCheck | None = None,
-) -> Optimum:
-    """Pilot and remnant together from one pilot, the remnant's model chosen as they move.
+_criterion = attrgetter("criterion")
+
+
+def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
+    """The model that suits a residual best, and the best of the other kind if it is close.
+
+    The kinds are filters of white noise and autoregressions.  Beside a band-pass stands the best
+    low-pass as well: whether there is a corner is for the penalty on band-passes to decide.
+
+    Parameters
+    ----------
+    products, samples, band
+        See `pilotid.likelihood.remnant_models.guesses`.
+    """
+    scored = sorted(guesses(products, samples, band), key=_criterion)
+    filters = [each for each in scored if not each.model.regressive]
+    best = [filters[0], next(each for each in scored if each.model.regressive)]
+    if isinstance(filters[0].model, BandPass):
+        best.append(next(each for each in filters if not isinstance(each.model, BandPass)))
+    limit = scored[0].criterion + LOOK_CRITERION
+    return [each for each in sorted(best, key=_criterion) if each.criterion < limit]
+
+
+class RemnantChoice:
+    """Fits near one pilot, of each model of the remnant that came into question.
+
+    Every model is fitted once, from the pilot at which it first did and from where all began: one
+    model may lose a channel, which does not come back of itself, where another does not.  What is
+    asked for again is there already.
 
     Parameters
     ----------
     prediction
-        The prediction in the analysis band.
+        The prepared prediction.
     pilot
         Where to begin, shape (parameters,).
-    settings
+    noise
         The remnant's model if it is not to be chosen.
     check
         Which parameters simulate the control.
     """
-    choice = RemnantChoice(prediction, pilot, settings.noise, check)
-    return choice.full_fit(settings.rounds).refined()
+
+    def __init__(
+        self,
+        prediction: Prediction,
+        pilot: FloatArray,
+        noise: NoiseModel | None,
+        check: PilotCheck | None = None,
+    ) -> None:
+        self.prediction, self.noise, self.check = prediction, noise, check
+        self.pilot = self._first = pilot
+        self.iterations = 0
+        self._fits: dict[NoiseModel, tuple[Optimum, float]] = {}
+
+    def quick_fit(self) -> Optimum:
+        """A first look: the model that suits what the pilot leaves, roughly fitted."""
+        return self._adopt(self._best_of(None, 1e-3))
+
+    def full_fit(self) -> Optimum:
+        """The best of all, as exactly as is needed to compare them.
+
+        Its model is chosen anew as the pilot moves, in as many rounds at most.
+        """
+        compared = COMPARED_TOLERANCE
+        found = self._adopt(self._best_of(None, compared))
+        for _ in range(0 if self.noise else ROUNDS - 1):
+            before, found = found, self._adopt(self._best_of(None, compared))
+            if found.joint.noise == before.joint.noise:
+                break
+        # Of many long autoregressions the first that suits depends on where the search came from.
+        while others := [] if self.noise else neighbours(found.joint.noise):
+            better = self._best_of(others, compared)
+            if abs(better.criterion - found.criterion + 0.1) < found.remaining_decrease:
+                found, better = (
+                    self._refined_to(fit, REPORTED_TOLERANCE) for fit in (found, better)
+                )
+            if not better.criterion < found.criterion - 0.1:
+                break
+            found = self._adopt(better)
+        return replace(found, iterations=self.iterations)
+
+    def _adopt(self, fit: Optimum) -> Optimum:
+        self.pilot = fit.pilot
+        return fit
+
+    def _best_of(self, models: Sequence[NoiseModel] | None, tolerance: float) -> Optimum:
+        """The best of some models, each with the pilot that goes with it; None for contenders."""
+        prediction = self.prediction
+        products = lagged_products(prediction.errors(self.pilot))
+        suited = products, prediction.runs * prediction.scored, prediction.band
+        models = [self.noise] if self.noise else models
+        every = contenders(*suited) if models is None else guesses(*suited, models)
+        fits = [self._fitted(guess, tolerance) for guess in every]
+        best = min(fits, key=_criterion)
+        near = [fit for fit in fits if not fit.criterion > best.criterion + best.remaining_decrease]
+        if tolerance > COMPARED_TOLERANCE or len(near) == 1:
+            return best
+        return min((self._refined_to(fit, REPORTED_TOLERANCE) for fit in near), key=_criterion)
+
+    def _fitted(self, guess: Guess, tolerance: float) -> Optimum:
+        """A model fitted to a tolerance, if it is not yet."""
+        if guess.model in self._fits:
+            return self._refined_to(self._fits[guess.model][0], tolerance)
+        joint = Likelihood(self.prediction, guess.model, adjoint=self.prediction.is_large)
+        pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
+        starts = np.array([np.concatenate([pilot, guess.values]) for pilot in pilots])
+        fit = Optimum(joint, descend(joint, starts, tolerance), check=self.check)
+        return self._remember(fit, tolerance)
+
+    def _refined_to(self, fit: Optimum, tolerance: float) -> Optimum:
+        """A fit that was made before, to a tolerance."""
+        reached = self._fits[fit.joint.noise][1]
+        return fit if reached <= tolerance else self._remember(fit.refined(tolerance), tolerance)
+
+    def _remember(self, fit: Optimum, tolerance: float) -> Optimum:
+        self.iterations += fit.end.iterations
+        self._fits[fit.joint.noise] = fit, tolerance
+        return fit
 
 
 def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
-    """PilotCheck whose criterion is low on a first look, one of each optimum, best first."""
+    """Choices whose criterion is low on a first look, one of each optimum, best first."""
     if len(choices) == 1:
         return choices
     firsts = [choice.quick_fit() for choice in choices]

@@ -18,7 +18,7 @@ import numpy as np
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.parts import FrequencyResponse
 from pilotid.estimate.quantities import TAILS, Draws
-from pilotid.likelihood.diagnostics import correlations, prediction_errors
+from pilotid.likelihood.estimates import correlations, prediction_errors
 from pilotid.model.element import ControlledElement
 from pilotid.plots.responses import NO_UNITS, describing_function, open_loop
 from pilotid.plots.style import (
@@ -36,7 +36,7 @@ from pilotid.plots.style import (
     square_unit,
     with_unit,
 )
-from pilotid.posterior.predictive import PredictiveBand
+from pilotid.posterior.sampling import PredictiveBand
 from pilotid.recording.recording import Recording
 from pilotid.support.numbers import Z95
 from pilotid.support.types import FloatArray, InputError

@@ -35,7 +35,7 @@ def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
 
 
 def covariance_at_bounds(
-    hessian: FloatArray, held: BoolArray, intervals: FloatArray
+    hessian: FloatArray, bounded: BoolArray, intervals: FloatArray
 ) -> FloatArray | None:
     """Covariance of an estimate of which some parameters lie at bounds, None if it is singular.
 
@@ -47,12 +47,12 @@ def covariance_at_bounds(
     ----------
     hessian
         Inner products J'J, shape (parameters, parameters).
-    held
+    bounded
         Which parameters lie at a bound, shape (parameters,).
     intervals
         95 % profile-likelihood intervals, shape (parameters, 2).
     """
-    conditional = np.where(held[:, None] | held, np.diag(np.diag(hessian)), hessian)
+    conditional = np.where(bounded[:, None] | bounded, np.diag(np.diag(hessian)), hessian)
     found = _scaled_inverse(conditional)
     error = np.diff(intervals, axis=1)[:, 0] / (2.0 * Z95)
     if found is None or not (error > 0.0).all():
@@ -177,7 +177,7 @@ def score_dispersion(rows: FloatArray, estimated: int, length: int) -> tuple[flo
     sizes, directions = np.linalg.eigh(information)
     along = np.einsum("kpq,kp->kq", directions, scores)
     # The mean of the diagonal is one a sample: what is known next to nothing of does not count.
-    told = sizes > 1e-4 * whole.shape[2]
+    kept = sizes > 1e-4 * whole.shape[2]
     variance = float(np.mean(errors**2))
-    statistic = float(np.sum(along[told] ** 2 / sizes[told])) / (variance or 1.0)
-    return statistic, int(np.count_nonzero(told)) - int(np.count_nonzero(known))
+    statistic = float(np.sum(along[kept] ** 2 / sizes[kept])) / (variance or 1.0)
+    return statistic, int(np.count_nonzero(kept)) - int(np.count_nonzero(known))

@@ -19,7 +19,7 @@ from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 #: How often the others are searched, at the most, and how close to the end is close enough, as
 #: a share of the distance.
-MOST_SEARCHES, END_TOLERANCE = 14, 0.04
+MAX_SEARCHES, END_TOLERANCE = 14, 0.04
 
 
 def find_profile_end(
@@ -62,9 +62,9 @@ def find_profile_end(
     root_inside, root_outside = math.sqrt(max(cost - lowest, 0.0) / (target - lowest)), math.inf
     distance = min(abs(reach), allowed)
     point = start
-    for _ in range(MOST_SEARCHES):
-        held = Box.holding(box, which, origin + math.copysign(distance, reach))
-        end = minimise(gram, point[None], held, tolerance=1e-5)
+    for _ in range(MAX_SEARCHES):
+        fixed = Box.holding(box, which, origin + math.copysign(distance, reach))
+        end = minimise(gram, point[None], fixed, tolerance=1e-5)
         share = (float(end.cost[0]) - lowest) / (target - lowest)
         if share <= 1.0:
             point, cost = end.values[0], float(end.cost[0])
@@ -292,8 +292,8 @@ def _errors(gram: FloatArray, blocked: BoolArray, variance: float) -> FloatArray
     hessian = gram[:-1, :-1]
     errors = np.empty(len(hessian))
     for k in range(len(hessian)):
-        held = blocked & (np.arange(len(hessian)) != k)
-        free = np.where(held[:, None] | held, np.eye(len(hessian)), hessian)
+        fixed = blocked & (np.arange(len(hessian)) != k)
+        free = np.where(fixed[:, None] | fixed, np.eye(len(hessian)), hessian)
         size = np.sqrt(np.maximum(np.diag(free), 1e-300))
         own = float(np.linalg.inv(free / np.outer(size, size))[k, k])
         errors[k] = math.sqrt(max(own, 1.0) * variance) / float(size[k])
@@ -313,11 +313,11 @@ def _step(
     hessian, descent = grams[:, :-1, :-1], grams[:, :-1, -1]
     # Rows and columns of the profiled parameter, and of those that a bound holds, are replaced
     # by those of the identity.
-    held = blocked.copy()
-    held[index, which] = True
-    others = np.where(held[:, :, None] | held[:, None, :], np.eye(held.shape[1]), hessian)
-    across = np.where(held, 0.0, hessian[index, which])
-    right = np.where(held, 0.0, descent)
+    fixed = blocked.copy()
+    fixed[index, which] = True
+    others = np.where(fixed[:, :, None] | fixed[:, None, :], np.eye(fixed.shape[1]), hessian)
+    across = np.where(fixed, 0.0, hessian[index, which])
+    right = np.where(fixed, 0.0, descent)
     solved = _solved(others, np.stack([right, across], axis=-1))
     to_optimum, along_ridge = solved[..., 0], solved[..., 1]
     gained = np.einsum("sp,sp->s", right, to_optimum)

@@ -219,8 +219,7 @@ class Coefficients:
         on_first = equation - slope[:, None] * on_second
         # Back to the channels' own inputs.
         value, both = np.array([first, second]), np.array([on_first, on_second])
-        if not np.array_equal(self.mixing, np.eye(2)):
-            value, both = (np.linalg.solve(self.mixing, v.reshape(2, -1)) for v in (value, both))
+        value, both = (np.linalg.solve(self.mixing, v.reshape(2, -1)) for v in (value, both))
         both, value = both.reshape(2, omega.size, -1), value.reshape(2, -1)
         # Where runs exchange their lines, both equations of a frequency give the same responses.
         omega, once = np.unique(omega, return_index=True)

@@ -26,8 +26,7 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
-from pilotid.solve.least_squares import Minima, Problem, minimise, solve_linear
-from pilotid.solve.search import search
+from pilotid.solve.least_squares import Minima, Problem, minimise, search, solve_linear
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray
@@ -128,7 +127,7 @@ def fit_lines(
     starts
         Starts that are minimised beside the random ones, each of shape (parameters,).
     candidates, refined
-        Starts screened, and starts minimised, see `pilotid.solve.search.search`.
+        Starts screened, and starts minimised, see `pilotid.solve.least_squares.search`.
     same
         Largest relative change of the parameters in the last round.
     """
@@ -137,12 +136,12 @@ def fit_lines(
     power = coefficients.power(residuals)
     first = Equations(coefficients.at_lines_alone(residuals), model, power)
     ends = search(first.gram, model, rng, candidates=candidates, refined=refined)
-    found = pilots_first(recording, model, ends)
+    found = best_pilot(recording, model, ends)
     if starts:
         points = np.array(starts)
         points, _ = solve_linear(first.gram(points), points, model.linear, model.lower)
         ends = minimise(first.gram, points, model, tolerance=1e-3, iterations=16)
-        more = pilots_first(recording, model, ends)
+        more = best_pilot(recording, model, ends)
         found = min((found, more), key=lambda minima: float(minima.cost[0]))
     fit = LinesFit(coefficients, model, found.values[0], power)
     for _ in range(ROUNDS):
@@ -164,9 +163,10 @@ def are_pilots(recording: Recording, model: PilotModel, sets: FloatArray) -> Boo
     return np.ones(len(sets), dtype=bool) if element is None else are_stable(model, sets, element)
 
 
-def pilots_first(recording: Recording, model: PilotModel, ends: Minima) -> Minima:
-    """The ends of a search, those in stable loops first, each kind with the best first."""
-    return ends.only(np.argsort(~are_pilots(recording, model, ends.values), kind="stable"))
+def best_pilot(recording: Recording, model: PilotModel, ends: Minima) -> Minima:
+    """The best end of a search whose loop is stable, or the best of all if none is."""
+    pilots = (k for k, own in enumerate(ends.values) if are_pilots(recording, model, own[None])[0])
+    return ends.only([next(pilots, 0)])
 
 
 class Equations(Problem):

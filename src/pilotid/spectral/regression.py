@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -48,32 +47,25 @@ class Structure:
         return self.delays[i] + np.arange(self.zeros[i])
 
 
-Criterion = Literal["aicc", "bic", "heavy"]
-
-
 def information_criterion(
-    name: Criterion, cost: FloatArray, count: FloatArray, samples: int
+    cost: FloatArray, count: FloatArray, samples: int, weight: float
 ) -> FloatArray:
-    """An information criterion of structures, to be minimised; shape (structures,).
+    """The Bayesian information criterion of structures, to be minimised; shape (structures,).
 
     Parameters
     ----------
-    name
-        ``aicc`` (Hurvich & Tsai 1989), ``bic``, or ``heavy``: BIC with three times its penalty
-        (Drop et al., IEEE Trans. Cybernetics 48(1), 2018, who tune that weight by simulation
-        until no false channel is found).
     cost, count
         Residual sums of squares and numbers of coefficients, shape (structures,).
     samples
         Number of rows, less the nuisance terms.
+    weight
+        Factor on the penalty.  With 3 false channels are rare (Drop et al., IEEE Trans. Cybernetics
+        48(1), 2018, who tune it by simulation).
     """
     # A cost of rounding errors alone would make the smallest of them a minimum.
     least = 1e-24 * float(np.max(cost, initial=0.0)) + np.finfo(float).tiny
     deviance = samples * np.log(np.maximum(cost, least) / samples)
-    if name == "aicc":
-        left = np.maximum(samples - count - 1.0, 1e-3)
-        return np.asarray(deviance + 2.0 * count * (1.0 + (count + 1.0) / left))
-    return np.asarray(deviance + (3.0 if name == "heavy" else 1.0) * count * np.log(samples))
+    return np.asarray(deviance + weight * count * np.log(samples))
 
 
 class Regression:
@@ -128,11 +120,11 @@ class Regression:
         left = triangle_of(chosen)[structure.parameters :, -1] * self._scale[-1]
         return float(left @ left)
 
-    def best(self, structures: Sequence[Structure], criterion: Criterion) -> Structure:
+    def best(self, structures: Sequence[Structure], weight: float) -> Structure:
         """The structure of the lowest `information_criterion`."""
         cost = np.array([self.cost(structure) for structure in structures])
         count = np.array([structure.parameters for structure in structures], dtype=float)
-        found = information_criterion(criterion, cost, count, self.samples)
+        found = information_criterion(cost, count, self.samples, weight)
         return structures[int(np.argmin(found))]
 
     def fit(self, structure: Structure) -> BlackBox:

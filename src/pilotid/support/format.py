@@ -14,7 +14,6 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from itertools import compress
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -437,17 +436,6 @@ def make_console(*, errors: bool = False) -> Console:
         width = int(asked) if asked.isdecimal() and int(asked) else PLAIN_WIDTH
         console = Console(stderr=errors, highlight=False, markup=False, emoji=False, width=width)
     return console
-
-
-@contextmanager
-def share_bar(what: str) -> Iterator[Callable[[float], None]]:
-    """A bar on standard error, if that is a terminal, that is told the share that is done."""
-    from rich.progress import Progress
-
-    console = make_console(errors=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(what, total=1.0)
-        yield lambda share: progress.update(task, completed=share)
 
 
 def with_bar(items: Iterable[T], what: str, total: int) -> Iterator[T]:
