@@ -361,12 +361,12 @@ def test_methods_and_scenarios_come_from_code_and_with_settings(
     run: Run, own: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    methods = f"mle-white(band=30),{own}:Mine(candidates=2)"
+    methods = f"mle-white(band=30),{own}:Mine(band=20)"
     options = ("--method", methods, "--method", "mle-white", "--replications", 1, "--out", out)
     assert run("compare", "--scenario", f"{own}:ONE,{own}:TWO,single(runs=2)", *options).status == 0
     with (out / "summary.csv").open(newline="") as stream:
         keys = {(row["scenario"], row["method"]) for row in csv.DictReader(stream)}
-    labels = ("mle-white", "mle-white(band=30)", "mine(candidates=2)")
+    labels = ("mle-white", "mle-white(band=30)", "mine(band=20)")
     assert keys == {(s, m) for s in ("one", "two", "single-runs-2") for m in labels}
     typed = f"--scenario '{own}:ONE,{own}:TWO,single(runs=2)'"
     assert typed in (out / "report.md").read_text(encoding="utf-8")

@@ -300,7 +300,7 @@ def test_neither_unit_nor_offset_of_signals_matters(factor: float, offset: float
     )
     assert there.outcome is here.outcome
     errors = np.abs(there.values - here.values) / here.std_error
-    assert errors.max() < (0.05 if offset else 1e-6)
+    assert errors.max() < (0.2 if offset else 1e-6)
     np.testing.assert_allclose(there.std_error, here.std_error, rtol=0.02)
     assert [remark.code for remark in there.remarks] == [remark.code for remark in here.remarks]
     assert offset or remarks(replace(recording, **signals)) == remarks(recording)

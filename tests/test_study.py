@@ -165,7 +165,7 @@ class Mine(MLEWhite):
     name = "mine"
 
 print("once")
-study = Study("single", [Mine(candidates=3)], 2).run_in(Path(sys.argv[1]), 2)
+study = Study("single", [Mine(band=20.0)], 2).run_in(Path(sys.argv[1]), 2)
 print(study.frame.method[0])
 """
 
@@ -176,7 +176,7 @@ def test_a_script_without_a_main_guard_runs_once(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, file, tmp_path / "out"], capture_output=True, text=True, check=True
     )
-    assert done.stdout.split() == ["once", "mine(candidates=3)"]
+    assert done.stdout.split() == ["once", "mine(band=20)"]
     assert done.stderr == ""
 
 
