@@ -365,7 +365,7 @@ class Prediction:
         loop it biases the low-frequency parameters, since what is subtracted depends on
         the future of the recording (the same effect biases autoregressive coefficients
         when a mean is removed; Kendall 1954).  A term stays if its squared t-values, all
-        runs together, exceed what chance gives once in 14,000.  The least noticeable goes first,
+        runs together, exceed what chance gives once in a hundred.  The least noticeable goes first,
         since decays that are alike hide one another.  Those of the estimate's own slow poles
         always stay: left out, they bias what moves the pole by many claimed errors long before
         they are noticeable.
@@ -374,7 +374,7 @@ class Prediction:
         slow = prediction.nuisance_poles[len(self.nuisance_poles) :]
         poles, every = prediction.nuisance_poles, prediction.nuisance_terms
         residual = self.residual(values, taps)
-        limit = chi_squared_limit(prediction.runs, ESTIMATE.seldom)
+        limit = chi_squared_limit(prediction.runs, ESTIMATE.noticeable)
         kept = list(range(len(poles)))
         while kept:
             terms = every[:, kept]

@@ -95,6 +95,9 @@ class EstimateLimits(NamedTuple):
     #: How seldom chance may speak against a fit, by each test of prediction errors: once in
     #: 14,000 recordings.
     seldom: float = 7e-5
+    #: How seldom chance makes an offset or a decay that is not there one that is fitted.  With once
+    #: in 14,000 an offset of u by a tenth of its rms moved estimates by up to 2 claimed errors.
+    noticeable: float = 0.01
     misspecified: float = 1e-3  # p-value: doubt (5 of 800 sound fits)
     other_optimum: float = 3.0  # standard errors by which another optimum differs
     surely_misspecified: float = 1e-4  # p-value: wrong (2 of 800 sound fits)
