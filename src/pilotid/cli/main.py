@@ -331,7 +331,8 @@ def infer(
         return
     import_libraries(method)
     begin = time.perf_counter()
-    estimate, density = method.infer(choice.named_in(recording), model, rng)
+    with make_console(errors=True).status("sampling"):
+        estimate, density = method.infer(choice.named_in(recording), model, rng)
     estimate = replace(estimate, seconds=time.perf_counter() - begin)
     estimate = replace(estimate, remarks=all_remarks(estimate, recording))
     fit = Fitted(recording, model, (estimate,), (*told, *choice.remarks), choice)
