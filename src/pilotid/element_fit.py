@@ -211,23 +211,23 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
     given
         The user's element, if any.
     """
-    found = identified_element(recording)
+    identified = identified_element(recording)
     named = parsed_element(recording.controlled_element)
     fault = next((f for f in findings(recording) if f.grade != "note"), None)
     shifted = fault and fault.code == "late-signal" and abs(fault.size) > ELEMENT.late
-    shown = found.element if found.sound and not shifted else None
+    shown = identified.element if identified.sound and not shifted else None
     compared = [
         (given, shown, "given", "control and output of the recording follow"),
         (named, shown, "that the file names", "control and output of the recording follow"),
         (given, None if shown else named, "given", "the file names"),
     ]
     every = (differs(one, other, what, by) for one, other, what, by in compared if one and other)
-    told = tuple(remark for remark in every if remark)
+    sentences = tuple(remark for remark in every if remark)
     for element, origin in ((given, GIVEN), (named, FILE), (shown, SIGNALS)):
         if element is not None:
-            return ElementChoice(found, element, origin, remarks=told)
-    why = fault.sentence if fault else f"{found.remark}; name it, for example --element 4/s^2"
-    return ElementChoice(found, why=f"no loops: {why}", remarks=told)
+            return ElementChoice(identified, element, origin, remarks=sentences)
+    why = fault.sentence if fault else f"{identified.remark}; name it, for example --element 4/s^2"
+    return ElementChoice(identified, why=f"no loops: {why}", remarks=sentences)
 
 
 @remembered

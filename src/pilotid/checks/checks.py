@@ -38,12 +38,12 @@ def check(code: str, limit: float = 0.0) -> Callable[[Callable[[Recording], Foun
     """Put a function into the table: what it says first of a statistic beyond the limit is told."""
 
     def listed(find: Callable[[Recording], Found]) -> NameCheck:
-        def told(recording: Recording) -> Remark | None:
-            words = (words for size, words in find(recording) if size > limit)
-            return next((Remark(code, own) for own in words), None)
+        def checked(recording: Recording) -> Remark | None:
+            sentences = (sentence for size, sentence in find(recording) if size > limit)
+            return next((Remark(code, sentence) for sentence in sentences), None)
 
-        CHECKS.append(told)
-        return told
+        CHECKS.append(checked)
+        return checked
 
     return listed
 
@@ -53,7 +53,7 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
 
     Empty for a sound one that is as it was recorded.
     """
-    found = [row(recording) for row in CHECKS]
+    tabled = [row(recording) for row in CHECKS]
     faults = [f for f in findings(recording) if f.grade != "note"]
     related = any(f.code in RELATED and f.signal != "e" and not _turned(f) for f in faults)
     named = _names_by_lines(recording, ABOUT_ERROR if related else ABOUT_ERROR + ABOUT_OUTPUT)
@@ -62,12 +62,12 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
         named = None  # that tells why e is not ft - x
     if named:  # explains what times and gains seem to be
         faults = [f for f in faults if f.code not in RELATED]
-    told = [named, *found, *(Remark(f.code, f.sentence, f.grade) for f in faults)]
+    every = [named, *tabled, *(Remark(f.code, f.sentence, f.grade) for f in faults)]
     treated = (
         sentence if isinstance(sentence, Remark) else Remark("preprocessed", sentence)
         for sentence in recording.treatment
     )
-    return (*treated, *gravest_first(remark for remark in told if remark))
+    return (*treated, *gravest_first(remark for remark in every if remark))
 
 
 def motionless(recording: Recording, name: str) -> bool:
@@ -127,18 +127,18 @@ def _names_by_lines(recording: Recording, checks: Sequence[NameCheck]) -> Remark
         return whole
     if whole:
         groups = tuple((run,) for run in range(recording.runs))
-    found = []
+    named = []
     for group in groups:
         words = f"{'run' if len(group) == 1 else 'runs'} {', '.join(str(1 + run) for run in group)}"
-        found.append((words, _names(of_runs(recording, [1 + run for run in group], words), checks)))
-    wrong = [(words, told) for words, told in found if told]
-    if not wrong or (whole and len(wrong) == len(found)):
+        named.append((words, _names(of_runs(recording, [1 + run for run in group], words), checks)))
+    wrong = [(words, remark) for words, remark in named if remark]
+    if not wrong or (whole and len(wrong) == len(named)):
         return whole
-    words, told = wrong[0]
-    fault, _, cure = told.partition("; ")
-    if len(wrong) < len(found):  # --map would change the other runs as well
+    words, remark = wrong[0]
+    fault, _, cure = remark.partition("; ")
+    if len(wrong) < len(named):  # --map would change the other runs as well
         cure = f"mend {words} in the file, or leave {words} out with --runs"
-    return Remark(told.code, f"{words}: {fault}; {cure}", told.grade)
+    return Remark(remark.code, f"{words}: {fault}; {cure}", remark.grade)
 
 
 def _names(recording: Recording, checks: Sequence[NameCheck]) -> Remark | None:
@@ -192,12 +192,12 @@ def _drifting(recording: Recording) -> Found:
         signals = [recording.window(recording.input(n))[run] for n in names]
         trend = np.linspace(-0.5, 0.5, u.size)
         table, wanted = np.stack([np.ones_like(u), *signals], 1), np.stack([trend, u], 1)
-        own, left = (wanted - table @ np.linalg.lstsq(table, wanted)[0]).T
-        share = float(own @ own) / float(trend @ trend)
+        rest_of_trend, left = (wanted - table @ np.linalg.lstsq(table, wanted)[0]).T
+        share = float(rest_of_trend @ rest_of_trend) / float(trend @ trend)
         if share < SIGNAL.own_trend:
             continue  # a signal of the loop is a trend itself
-        slope = float(own @ left) / float(own @ own)
-        rest = max(float(np.std(left - slope * own)), 1e-300)
+        slope = float(rest_of_trend @ left) / float(rest_of_trend @ rest_of_trend)
+        rest = max(float(np.std(left - slope * rest_of_trend)), 1e-300)
         longer = max(1.0, (82.0 / recording.duration) ** 1.5)
         # What the loop's own trends could have made of it as well counts for nothing.
         yield (
@@ -322,15 +322,15 @@ def exchanged(recording: Recording) -> Remark | None:
     target = np.fft.rfft(recording.window(recording.ft))[:, fast]
     weight = np.abs(target) ** 2 / noise
     shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
-    told = _is_answer(recording, recording.e)
-    if shown >= SIGNAL.shown or told is False:
+    is_answer = _is_answer(recording, recording.e)
+    if shown >= SIGNAL.shown or is_answer is False:
         return None
     return Remark(
         "exchanged",
         f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows"
-        f"{', and answers to u as x should' if told else ''}: e and x seem to be exchanged"
-        f"{'' if told else ', unless the target is seen ahead'}; {_exchange(recording)}",
-        "wrong" if told else "doubt",
+        f"{', and answers to u as x should' if is_answer else ''}: e and x seem to be exchanged"
+        f"{'' if is_answer else ', unless the target is seen ahead'}; {_exchange(recording)}",
+        "wrong" if is_answer else "doubt",
     )
 
 
@@ -341,11 +341,11 @@ def _is_answer(recording: Recording, other: FloatArray) -> bool | None:
     at all frequencies, or at the target's lines if a disturbance may not be recorded.
     """
     plants = [plant_of(replace(recording, x=x, e=recording.x)) for x in (recording.x, other)]
-    own, turned = (
+    as_named, turned = (
         (plant.polarity if recording.fd is None else plant.mean_coherence) if plant else 0.0
         for plant in plants
     )
-    return turned > own if turned != own else None
+    return turned > as_named if turned != as_named else None
 
 
 def _exchange(recording: Recording) -> str:

@@ -36,7 +36,7 @@ from pilotid.support.remarks import GRADES, Grade, Remark
 from pilotid.support.types import FloatArray
 
 LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
-FEWEST = 10  # bins of all runs in a band, of which its level is told
+BINS_IN_BAND = 10  # bins of all runs in a band, of which its level is told
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class _Look:
             middle = np.array([np.median(power[begin:end]) for begin, end in bands])
             level = 10.0 * np.log10(middle + 1e-300)
             slope, at = level[3:] - level[:-3], hertz[:-3]
-            known = (at > 1.0) & (bins[:-3] >= FEWEST)
+            known = (at > 1.0) & (bins[:-3] >= BINS_IN_BAND)
             if not known.any():
                 continue
             steepest = first = int(np.argmin(np.where(known, slope, 0.0)))
@@ -364,7 +364,7 @@ def _begins_again(signal: FloatArray, sample: int) -> bool:
 
 def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:
     """Mean difference over that of the smallest phase of every k, that k, and the order."""
-    found = []
+    scores = []
     for order in (1, 2, 4):
         size = np.abs(np.diff(signal, order, axis=1))
         size = np.minimum(size, np.quantile(size, 0.99)).mean(axis=0)
@@ -373,8 +373,8 @@ def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:
             phases = size[:whole].reshape(-1, step).mean(axis=0)
             mean = float(phases.mean())
             score = mean / (float(phases.min()) + 1e-12 * float(phases.max()) + 1e-300)
-            found.append((float(np.mean(phases < mean / 3.0)), -order, -step, score))
-    share, order, step, score = max(found, default=(0.0, 0, 0, 0.0))
+            scores.append((float(np.mean(phases < mean / 3.0)), -order, -step, score))
+    share, order, step, score = max(scores, default=(0.0, 0, 0, 0.0))
     return (score, -step, -order) if share else (0.0, 0, 0)
 
 
@@ -447,13 +447,13 @@ def copies_among(names: Sequence[str], prints: Sequence[Sequence[str]]) -> dict[
     prints
         Their `fingerprints`.
     """
-    said: dict[int, list[Remark]] = {}
+    copies: dict[int, list[Remark]] = {}
     for (i, one), (j, other) in permutations(enumerate(prints), 2):
         copy = next((digest for digest in one if digest in other), None)
-        if copy and i not in said:
+        if copy and i not in copies:
             words = (
                 f"run {one.index(copy) + 1} has the same control as run {other.index(copy) + 1} of "
                 f"{names[j]}: one is a copy of the other; leave it out"
             )
-            said[i] = [Remark("copied-run", words, "wrong")]
-    return said
+            copies[i] = [Remark("copied-run", words, "wrong")]
+    return copies

@@ -287,7 +287,7 @@ def _derivatives(bare: ComplexArray, omega: FloatArray) -> ComplexArray:
 
 
 def _start(spectra: Spectra, form: Form, delay: float) -> FloatArray:
-    """By linear least squares, the equation divided by the last denominator found."""
+    """By linear least squares, the equation divided by the last denominator."""
     power, degree = form.integrators, form.free + 2 * form.lags
     s, output = 1j * spectra.omega, spectra.output[power:]
     below = (1.0 + s / 3.0) ** degree * s**power
@@ -299,8 +299,8 @@ def _start(spectra: Spectra, form: Form, delay: float) -> FloatArray:
         size = np.sqrt(np.real(np.einsum("in,in->i", scaled.conj(), columns)))
         matrix = np.real(scaled.conj() @ columns.T) / np.outer(size, size)
         goal = np.real(scaled.conj() @ output[degree]) / size
-        found = np.linalg.lstsq(matrix, goal)[0] / size
-        top, free = found[: 1 + form.zero], found[1 + form.zero :]
+        solution = np.linalg.lstsq(matrix, goal)[0] / size
+        top, free = solution[: 1 + form.zero], solution[1 + form.zero :]
         below = np.polyval([1.0, *free], s) * s**power
     parts = [top[:1], top[1:] / top[0], free]
     if form.lags:
@@ -357,10 +357,10 @@ def fitted_form(spectra: Spectra, form: Form, delay: float = 0.0) -> FormFit:
             trial = values - step / scale
             trial[-1] = np.clip(trial[-1], EARLIEST_DELAY, LONGEST_DELAY)
             there = spectra.residual(form, trial)
-            own = spectra.level(there)
-            gain = spectra.cost(level) - spectra.cost(own)
+            level_there = spectra.level(there)
+            gain = spectra.cost(level) - spectra.cost(level_there)
             if gain > 0.0:
-                values, residual, level = trial, there, own
+                values, residual, level = trial, there, level_there
                 damping = max(0.1 * damping, 1e-10)
                 break
             damping *= 10.0

@@ -75,7 +75,7 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
     rows = slice(None) if run is None else slice(run, run + 1)
     output, control = (_spectrum(recording, signal[rows]) for signal in (recording.x, recording.u))
     forcing = None if recording.fd is None else _spectrum(recording, recording.fd[rows])
-    found = []
+    plants = []
     for sign in (1.0,) if forcing is None else (1.0, -1.0):
         drive = control if forcing is None else sign * control + forcing
         plant = _answer(output, drive, recording.duration)
@@ -86,8 +86,8 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
         else:
             good = plant.coherence >= ELEMENT.coherent
             polarity = _polarity(plant.omega[good], plant.response[good])
-        found.append(replace(plant, polarity=polarity, opposed=sign < 0.0))
-    return max(found, key=lambda plant: plant.mean_coherence - ELEMENT.clearly * plant.opposed)
+        plants.append(replace(plant, polarity=polarity, opposed=sign < 0.0))
+    return max(plants, key=lambda plant: plant.mean_coherence - ELEMENT.clearly * plant.opposed)
 
 
 @lru_cache
@@ -132,14 +132,14 @@ def _answer(output: ComplexArray, drive: ComplexArray, duration: float) -> Plant
         return None
     end = bands[-1, 1] + 1  # a sum ends before the bin that is named
     output, drive = output[:, :end], drive[:, :end]
-    cross, power, own = (
+    cross, power, size = (
         np.add.reduceat((one * other.conj()).sum(axis=0), bands.ravel())[::2]
         for one, other in ((output, drive), (drive, drive), (output, output))
     )
-    if not (np.all(power.real > 0.0) and np.all(own.real > 0.0)):
+    if not (np.all(power.real > 0.0) and np.all(size.real > 0.0)):
         return None
-    coherence = np.abs(cross) ** 2 / (power.real * own.real)
-    return Plant(omega, cross / power.real, coherence, np.sqrt(own.real))
+    coherence = np.abs(cross) ** 2 / (power.real * size.real)
+    return Plant(omega, cross / power.real, coherence, np.sqrt(size.real))
 
 
 def _spectrum(recording: Recording, signal: FloatArray, part: slice = slice(None)) -> ComplexArray:
@@ -155,14 +155,14 @@ def opposed(recording: Recording) -> Remark | None:
     """
     runs: list[int | None] = list(range(recording.runs)) if recording.runs > 1 else [None]
     signs = {run: _signs(recording, run) for run in runs}
-    told = {run: names for run, names in signs.items() if names is not None}
-    wrong = {run: names for run, names in told.items() if names}
-    if not wrong and not told:  # what no run tells may show in all of them together
+    known = {run: names for run, names in signs.items() if names is not None}
+    wrong = {run: names for run, names in known.items() if names}
+    if not wrong and not known:  # what no run tells may show in all of them together
         wrong = {None: names} if (names := _signs(recording, None)) else {}
     if not wrong:
         return None
     first, names = next(iter(wrong.items()))
-    some = len(wrong) < len(told)  # others are told to be right
+    some = len(wrong) < len(known)  # others are known to be right
     where = f" in run {first + 1}" if some and first is not None else ""
     remedy = (
         "turn it round in the file, or leave that run out with --runs"

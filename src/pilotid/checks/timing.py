@@ -26,11 +26,11 @@ def derivatives(signal: FloatArray, dt: float, order: int, delay: float = 0.0) -
     omega = 2.0 * np.pi * np.fft.rfftfreq(signal.shape[1], dt)
     spectrum = np.fft.rfft(centred) * np.exp(-0.5 * (omega * SMOOTH) ** 2 - 1j * omega * delay)
     edge = math.ceil(6.5 * SMOOTH / dt)
-    found = []
+    signals = []
     for power in range(order + 1):
         response = spectrum * (1j * omega) ** power
-        found.append(np.fft.irfft(response, n=signal.shape[1])[:, edge:-edge])
-    return found
+        signals.append(np.fft.irfft(response, n=signal.shape[1])[:, edge:-edge])
+    return signals
 
 
 def regression(

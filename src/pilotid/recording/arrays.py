@@ -207,8 +207,8 @@ def _in_hdf5(entry: Any, name: str) -> Iterator[tuple[str, Any]]:
     elif h5py.check_ref_dtype(entry.dtype) is h5py.Reference and kind in ("cell", ""):
         struct, _, field = name.rpartition(".")
         for number, place in enumerate(entry[()].T.ravel(order="F"), start=1):
-            own = f"{name}{{{number}}}" if kind else f"{struct}({number}).{field}"
-            yield from _in_hdf5(entry.file[place], own)
+            inside = f"{name}{{{number}}}" if kind else f"{struct}({number}).{field}"
+            yield from _in_hdf5(entry.file[place], inside)
     elif kind == "char":
         text = b"" if "MATLAB_empty" in entry.attrs else entry[()].T.astype("<u2").tobytes()
         yield name, text.decode("utf-16-le")

@@ -167,7 +167,7 @@ def read_with(files: Sequence[Path]) -> list[Path]:
     """Recordings, and the files beside them that belong to them."""
     real = [file for file in map(file_of, files) if file.name]
     beside = ((file, sidecar_path(file), file.with_suffix(".truth.json")) for file in real)
-    return [path for own in beside for path in own]
+    return [path for group in beside for path in group]
 
 
 @dataclass(frozen=True)

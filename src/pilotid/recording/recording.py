@@ -27,7 +27,7 @@ SIGNALS = {
 }
 SHORTEST = 10.0  # seconds of measurement window that an identification needs
 COARSEST = 0.1  # seconds between samples: half that rate is just above the pilot's band
-LARGEST = 1e100  # of a signal in any unit; squares and their sums must not overflow
+LARGEST_VALUE = 1e100  # of a signal in any unit; squares and their sums must not overflow
 LEAST_SCORED = 5.0  # s
 #: The origin of x where it was not recorded: it is zero, and no signal.
 ABSENT = "not recorded"
@@ -150,7 +150,7 @@ class Recording:
                 f"signal {name} is of the shape {array.shape} and u of {shape}; all must be equal, "
                 "(runs, samples)"
             )
-        bad = ~(np.abs(array) <= LARGEST)
+        bad = ~(np.abs(array) <= LARGEST_VALUE)
         if bad.any():
             run, sample = (int(i) for i in np.argwhere(bad)[0])
             self._refuse(
@@ -199,8 +199,8 @@ class Recording:
     @property
     def arrays(self) -> dict[str, FloatArray]:
         """All signals by their names, each of shape (runs, run-in + samples)."""
-        own = {name: getattr(self, name) for name in SIGNALS}
-        return {name: own[name] for name in own if own[name] is not None} | {**self.extra}
+        usual = {name: getattr(self, name) for name in SIGNALS}
+        return {name: usual[name] for name in usual if usual[name] is not None} | {**self.extra}
 
     def with_arrays(self, arrays: Mapping[str, FloatArray], **changes: Any) -> Recording:
         """The same with other signals, and with other attributes.
@@ -212,9 +212,9 @@ class Recording:
         changes
             Attributes by their names.
         """
-        own: dict[str, Any] = {name: arrays[name] for name in arrays if name in SIGNALS}
+        usual: dict[str, Any] = {name: arrays[name] for name in arrays if name in SIGNALS}
         extra = {name: arrays.get(name, signal) for name, signal in self.extra.items()}
-        return replace(self, **own, **changes, extra=extra)
+        return replace(self, **usual, **changes, extra=extra)
 
     def cut(self, start: float, end: float) -> Recording:
         """A span of the measurement window; all before it becomes run-in.
@@ -266,8 +266,8 @@ class Recording:
         factor
             What it is multiplied by.
         """
-        own, place = factor_of(self.origin.get(name, name))
-        return f"{name}={times(factor * own, place)}"
+        present, place = factor_of(self.origin.get(name, name))
+        return f"{name}={times(factor * present, place)}"
 
     @property
     def description(self) -> str:
@@ -401,10 +401,10 @@ def remembered(
 
     @wraps(function)
     def recalled(recording: Recording, /, *arguments: P.args, **named: P.kwargs) -> T:
-        own = known.setdefault(recording, {})
+        answers = known.setdefault(recording, {})
         key = (arguments, tuple(named.items()))
-        if key not in own:
-            own[key] = function(recording, *arguments, **named)
-        return own[key]
+        if key not in answers:
+            answers[key] = function(recording, *arguments, **named)
+        return answers[key]
 
     return recalled

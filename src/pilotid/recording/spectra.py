@@ -25,7 +25,7 @@ CROWDED = 0.34
 #: A run has a line if its amplitude is at least this share of the root mean square over the runs.
 ABSENT_LINE = 0.05
 ALIKE = 0.1  # share in which a line of both functions may go together over the runs
-FEWEST = 5  # lines of a target that tell which signal is which
+FEWEST_LINES = 5  # lines of a target that tell which signal is which
 MEDIAN = 0.64  # of the power of eight bins of noise less their own median, over its mean
 BESIDE = 8  # bins beside a line that tell leakage and noise in it
 LOUD = 4.0  # times the noise from which a line of one run stands out
@@ -58,8 +58,8 @@ def forcing_lines(recording: Recording) -> dict[str, IntArray]:
     NotMultisineError
         If a forcing function is not periodic in the window, or no sum of a few sines.
     """
-    each = {name: lines_of(recording, name) for name in ("ft", "fd")}
-    return {name: lines for name, lines in each.items() if lines.size}
+    every = {name: lines_of(recording, name) for name in ("ft", "fd")}
+    return {name: lines for name, lines in every.items() if lines.size}
 
 
 @remembered
@@ -106,9 +106,9 @@ def coefficients_at(recording: Recording, name: str, lines: IntArray) -> Complex
     forcing = getattr(recording, name)
     if forcing is None:
         return None
-    found = np.fft.rfft(recording.window(forcing))[:, lines]
-    size = np.abs(found)
-    return np.where(size < ABSENT_LINE * np.sqrt(np.mean(size**2, axis=0)), 0.0, found)
+    transform = np.fft.rfft(recording.window(forcing))[:, lines]
+    size = np.abs(transform)
+    return np.where(size < ABSENT_LINE * np.sqrt(np.mean(size**2, axis=0)), 0.0, transform)
 
 
 @remembered
@@ -119,10 +119,10 @@ def same_lines(recording: Recording) -> tuple[tuple[int, ...], ...]:
     """
     every = known_lines(recording)
     groups: dict[bytes, list[int]] = {}
-    each = [coefficients_at(recording, name, lines) for name, lines in every.items()]
-    having = [own != 0.0 for own in each if own is not None]
+    coefficients = [coefficients_at(recording, name, lines) for name, lines in every.items()]
+    having = [rows != 0.0 for rows in coefficients if rows is not None]
     for run in range(recording.runs):
-        key = b"".join(own[run].tobytes() for own in having)
+        key = b"".join(rows[run].tobytes() for rows in having)
         groups.setdefault(key, []).append(run)
     return tuple(map(tuple, groups.values()))
 
@@ -163,7 +163,7 @@ def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:
     quiet = float(np.std(target)) <= SAME * float(np.std(recording.e))
     if recording.ft is None and not quiet:
         recording = replace(recording, ft=target)
-    found: dict[str, dict[str, object]] = {}
+    sines: dict[str, dict[str, object]] = {}
     every = forcing_lines(recording)
     for name, lines in every.items() if len(same_lines(recording)) == 1 else ():
         signal = getattr(recording, name)
@@ -171,14 +171,14 @@ def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:
             continue
         phasors = 2j * np.fft.rfft(recording.window(signal))[:, lines] / recording.samples
         turned = (phasors @ phasors[0].conj()).real < 0.0
-        found[name] = {
+        sines[name] = {
             "lines": lines.tolist(),
             "amplitudes": np.sqrt(np.mean(np.abs(phasors) ** 2, axis=0)).tolist(),
             "phases": np.angle(phasors[0]).tolist(),
             "period": recording.duration,
             "alternating": bool(turned.any() and (turned == np.arange(turned.size) % 2).all()),
         }
-    return found
+    return sines
 
 
 def answers(recording: Recording) -> dict[str, tuple[int, float]]:
@@ -189,7 +189,7 @@ def answers(recording: Recording) -> dict[str, tuple[int, float]]:
     Number of lines that stand out of the noise, and the share of the control's power at a line that
     is not noise, of the median line.
     """
-    every, found = known_lines(recording), {}
+    every, result = known_lines(recording), {}
     for name, lines in every.items():
         control, beside = _beside(recording, recording.u, lines, every)
         # Medians: lines of a forcing function that was not recorded may lie among them.
@@ -200,14 +200,14 @@ def answers(recording: Recording) -> dict[str, tuple[int, float]]:
         coherence = 1.0 - 1.0 / np.maximum(ratio, 1.0)
         loud = 1.0 + (LOUD - 1.0) / np.sqrt(recording.runs)  # a mean of runs scatters less
         stand_out = int(np.count_nonzero(coherence > 1.0 - 1.0 / loud))
-        found[name] = stand_out, float(np.median(coherence))
-    return found
+        result[name] = stand_out, float(np.median(coherence))
+    return result
 
 
 def target_lines(recording: Recording) -> dict[str, IntArray] | None:
     """Lines of the forcing functions, None where the target's are too few to tell anything."""
     lines = known_lines(recording)
-    return lines if "ft" in lines and lines["ft"].size >= FEWEST else None
+    return lines if "ft" in lines and lines["ft"].size >= FEWEST_LINES else None
 
 
 def at_lines(
@@ -287,8 +287,8 @@ def floors_of(recording: Recording) -> Floors:
         top = slice(int(FLOOR_FROM * nyquist / step) + 1, int(FLOOR_TO * nyquist / step) + 1)
         floor[name] = float(density[:, top].mean())
     if recording.ft is not None:  # a target that steps has all frequencies, and is no noise
-        own = periodogram(recording.e - recording.ft, recording.dt)[0][:, top]
-        floor["e"] = min(floor["e"], float(own.mean()))
+        noise = periodogram(recording.e - recording.ft, recording.dt)[0][:, top]
+        floor["e"] = min(floor["e"], float(noise.mean()))
     with suppress(NotMultisineError):
         if lines_of(recording, "ft").size:  # what lies between is no noise, and no signal either
             floor["ft"] = 0.0

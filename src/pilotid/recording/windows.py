@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from pilotid.recording.recording import SHORTEST, Recording
-from pilotid.recording.spectra import FEWEST, NotMultisineError, forcing_lines
+from pilotid.recording.spectra import FEWEST_LINES, NotMultisineError, forcing_lines
 from pilotid.support.remarks import Remark
 from pilotid.support.types import BoolArray, FloatArray, InputError
 
@@ -45,7 +45,7 @@ def whole_periods(recording: Recording) -> Recording:
     start, end = first * recording.dt, (first + count * period) * recording.dt
     try:
         cut = recording.cut(start, end)
-        if sum(lines.size for lines in forcing_lines(cut).values()) < FEWEST:
+        if sum(lines.size for lines in forcing_lines(cut).values()) < FEWEST_LINES:
             return recording
     except (NotMultisineError, InputError):
         return recording
@@ -163,8 +163,8 @@ def chosen_runs(recording: Recording, text: str) -> Recording:
     """
     runs: list[int] = []
     for part in text.split(","):
-        found = re.fullmatch(r"\s*(\d+)\s*(?:-\s*(\d+)\s*)?", part, re.ASCII)
-        first, last = (int(found[1]), int(found[2] or found[1])) if found else (1, 0)
+        match = re.fullmatch(r"\s*(\d+)\s*(?:-\s*(\d+)\s*)?", part, re.ASCII)
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
         if not 1 <= first <= last <= recording.runs:
             raise InputError(
                 f"--runs {text}: '{part}' names no runs of {recording.source}, which has "
