@@ -18,7 +18,7 @@ from pilotid.model.catalogue import model_named
 from pilotid.model.element import ControlledElement
 from pilotid.model.loops import margins
 from pilotid.naming.code import is_place, load_object
-from pilotid.naming.settings import from_catalogue, name_of, plain, require_name
+from pilotid.naming.settings import from_catalogue, name_of, require_name, to_jsonable
 from pilotid.recording.spectra import known_lines
 from pilotid.support.disk import require_file
 from pilotid.support.types import InputError
@@ -81,7 +81,7 @@ def scenario_json(scenario: Scenario) -> dict[str, Any]:
 
     `designed_scenario` reads it again where the model is one of the catalogue.
     """
-    entry = plain(scenario)
+    entry = to_jsonable(scenario)
     for name in ("class", "violation", "family", "start_spread", "one_recording"):
         entry.pop(name)
     return {**entry, "model": scenario.model.name}

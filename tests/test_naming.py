@@ -22,12 +22,12 @@ from pilotid.methods.arx import ARX
 from pilotid.methods.bayes import Bayes
 from pilotid.naming.code import code_digest, load_object, packed, unpacked
 from pilotid.naming.settings import (
-    configured,
+    as_typed,
     labelled,
-    plain,
-    shown,
     split_call,
     split_list,
+    to_jsonable,
+    with_settings,
 )
 from pilotid.support.types import InputError
 
@@ -81,12 +81,12 @@ class Outer:
     ],
 )
 def test_settings_are_read_as_their_types(text: str, name: str, value: object) -> None:
-    thing = configured(Outer(), text, "outer")
+    thing = with_settings(Outer(), text, "outer")
     assert getattr(thing, name) == value
     assert type(getattr(thing, name)) is type(value)
     # What is shown of it can be typed again.
     label = labelled("outer", thing)
-    assert configured(Outer(), split_call(label)[1], label) == thing
+    assert with_settings(Outer(), split_call(label)[1], label) == thing
 
 
 @pytest.mark.parametrize(
@@ -113,15 +113,15 @@ def test_settings_are_read_as_their_types(text: str, name: str, value: object) -
 )
 def test_wrong_settings_are_a_sentence(text: str, words: str) -> None:
     with pytest.raises(InputError) as refusal:
-        configured(Outer(), text, f"outer({text})")
+        with_settings(Outer(), text, f"outer({text})")
     assert words in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
 
 def test_a_class_is_made_and_what_it_refuses_is_a_sentence() -> None:
-    assert configured(Inner, "depth=3", "Inner(depth=3)") == Inner(3)
+    assert with_settings(Inner, "depth=3", "Inner(depth=3)") == Inner(3)
     with pytest.raises(InputError, match="of order 0 to 3"):
-        configured(Remnant, "order=9", "Remnant(order=9)")
+        with_settings(Remnant, "order=9", "Remnant(order=9)")
 
 
 WORDS = st.characters(exclude_characters=":")
@@ -146,14 +146,19 @@ def test_every_label_can_be_typed(thing: Outer) -> None:
     label = labelled("outer", thing)
     name, settings = split_call(label)
     assert name == "outer"
-    assert configured(Outer(), settings, label) == thing
+    assert with_settings(Outer(), settings, label) == thing
     assert label.isprintable()
 
 
 @settings(deadline=None)
 @given(st.text())
 def test_no_text_breaks_the_reader(text: str) -> None:
-    for read in (split_list, split_call, method_named, lambda t: configured(Outer(), t, "outer")):
+    for read in (
+        split_list,
+        split_call,
+        method_named,
+        lambda t: with_settings(Outer(), t, "outer"),
+    ):
         try:
             read(text)
         except InputError:
@@ -190,14 +195,14 @@ def test_a_label_tells_the_settings_that_differ(method: object, label: str) -> N
 def test_settings_become_plain_objects_without_loss() -> None:
     import json
 
-    held = plain(Outer(number=0.1 + 0.2, maybe=-np.inf, pair=(np.float64(1e-300), 2)))
+    held = to_jsonable(Outer(number=0.1 + 0.2, maybe=-np.inf, pair=(np.float64(1e-300), 2)))
     again = json.loads(json.dumps(held, allow_nan=False))
     assert again == held
     assert (again["class"], again["number"], again["maybe"]) == ("Outer", 0.1 + 0.2, "-inf")
     assert again["pair"] == [1e-300, 2]
     assert again["inner"] == {"class": "Inner", "depth": 1, "wide": False}
-    assert plain({"a": np.arange(2)}) == {"a": [0, 1]}
-    assert shown(again["inner"]) == "Inner(depth=1, wide=false)"
+    assert to_jsonable({"a": np.arange(2)}) == {"a": [0, 1]}
+    assert as_typed(again["inner"]) == "Inner(depth=1, wide=false)"
 
 
 # -------------------------------------------------------------------------------------- code

@@ -39,7 +39,7 @@ from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.fourier import first_step_of
 from pilotid.model.model import PilotModel
 from pilotid.naming.code import code_digest, packed, unpacked
-from pilotid.naming.settings import plain
+from pilotid.naming.settings import to_jsonable
 from pilotid.recording.files import Reading
 from pilotid.recording.recording import Recording
 from pilotid.recording.windows import of_runs, span_of
@@ -315,7 +315,7 @@ def fit_recordings(
 def _task(function: Callable[..., Content], part: Part, *code: object) -> Task:
     """A task with its key; models, methods and the element may be of the user's own code."""
     name = function.__name__
-    content = (own_digest(), part.digest(), part, name, plain(code), code_digest(code))
+    content = (own_digest(), part.digest(), part, name, to_jsonable(code), code_digest(code))
     key = hashlib.sha256(repr(content).encode("utf-8", "replace")).hexdigest()
     return Task(key, function, part, packed(code))
 

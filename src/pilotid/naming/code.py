@@ -20,7 +20,7 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
-from pilotid.naming.settings import configured, split_call
+from pilotid.naming.settings import split_call, with_settings
 from pilotid.support.types import InputError, reason
 
 #: ``file.py:NAME`` or ``package.module:NAME``; a drive letter is no such thing.
@@ -60,7 +60,7 @@ def load_object(text: str) -> Any:
             there = [known for known in vars(module) if not known.startswith("_")]
             raise InputError(f"{place}: holds no '{name}'; it has {', '.join(there[-20:])}")
         thing = getattr(thing, name)
-    return configured(thing, settings, text)
+    return with_settings(thing, settings, text)
 
 
 def _module(where: str) -> ModuleType:

@@ -56,7 +56,7 @@ def split_call(text: str) -> tuple[str, str | None]:
     return (match["name"], match["settings"]) if match else (text.strip(), None)
 
 
-def configured(thing: Any, text: str | None, given: str) -> Any:
+def with_settings(thing: Any, text: str | None, given: str) -> Any:
     """A thing with the settings of a text; the others stay, or are the usual ones of a class.
 
     Parameters
@@ -109,7 +109,7 @@ def from_catalogue(text: str, known: Mapping[str, T], kind: str, place: str) -> 
     if name not in known:
         there = f"choose from {', '.join(known)}, or name file.py:{place}"
         raise InputError(f"unknown {kind} '{name}': {there}")
-    return name, configured(known[name], settings, text)
+    return name, with_settings(known[name], settings, text)
 
 
 def name_of(text: str) -> str:
@@ -184,7 +184,7 @@ def _converted(name: str, value: object, hint: Any) -> object:
         return TypeAdapter(tuple[hint], config=strictly).validate_python((value,))[0]
     except ValidationError as error:
         why = " or ".join(dict.fromkeys(found["msg"] for found in error.errors()))
-        raise ValueError(f"{name}={shown(value)}: {why[:1].lower()}{why[1:]}") from None
+        raise ValueError(f"{name}={as_typed(value)}: {why[:1].lower()}{why[1:]}") from None
 
 
 def _fields(kind: type) -> list[dataclasses.Field[Any]]:
@@ -212,14 +212,14 @@ def labelled(name: str, thing: object, usual: object = None) -> str:
             default = getattr(usual, field.name)
         elif field.default_factory is not dataclasses.MISSING:
             default = field.default_factory()
-        value = shown(getattr(thing, field.name))
-        if default is dataclasses.MISSING or shown(default) != value:
+        value = as_typed(getattr(thing, field.name))
+        if default is dataclasses.MISSING or as_typed(default) != value:
             changed.append(f"{field.name}={value}")
     return f"{name}({', '.join(changed)})" if changed else name
 
 
-def shown(value: object) -> str:
-    """A value as a user would type it, where it can be typed; also one that `plain` made."""
+def as_typed(value: object) -> str:
+    """A value as a user would type it, where it can be typed; also one that `to_jsonable` made."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         text = labelled(type(value).__name__, value)
         return text if text.endswith(")") else f"{text}()"
@@ -232,14 +232,14 @@ def shown(value: object) -> str:
             bare = re.fullmatch(r"[A-Za-z_][\w.+-]*", value, re.ASCII)
             return value if bare and value.lower() not in CONSTANTS else repr(value)
         case list() | tuple():
-            return f"({', '.join(map(shown, value))}{',' if len(value) == 1 else ''})"
+            return f"({', '.join(map(as_typed, value))}{',' if len(value) == 1 else ''})"
         case dict():
-            inner = [f"{key}={shown(entry)}" for key, entry in value.items() if key != "class"]
+            inner = [f"{key}={as_typed(entry)}" for key, entry in value.items() if key != "class"]
             return f"{value.get('class', '')}({', '.join(inner)})"
-    return str(plain(value))
+    return str(to_jsonable(value))
 
 
-def plain(value: object) -> Any:
+def to_jsonable(value: object) -> Any:
     """A value as plain objects for JSON; equal settings give equal objects.
 
     A dataclass becomes a mapping of its fields, with its name under ``class``, which no field
@@ -247,17 +247,17 @@ def plain(value: object) -> Any:
     dataclass is what it is called.
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        fields = {f.name: to_jsonable(getattr(value, f.name)) for f in dataclasses.fields(value)}
         return {"class": type(value).__qualname__, **fields}
     if hasattr(value, "tolist"):  # a number or an array of numpy's
-        return plain(value.tolist())
+        return to_jsonable(value.tolist())
     match value:
         case None | bool() | int() | str():
             return value
         case float():
             return value if math.isfinite(value) else str(value)
         case list() | tuple():
-            return [plain(entry) for entry in value]
+            return [to_jsonable(entry) for entry in value]
         case Mapping():
-            return {str(key): plain(entry) for key, entry in value.items()}
+            return {str(key): to_jsonable(entry) for key, entry in value.items()}
     return str(getattr(value, "__qualname__", "") or repr(value))

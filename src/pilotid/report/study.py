@@ -9,7 +9,7 @@ from pathlib import Path
 from shlex import quote
 from typing import Any
 
-from pilotid.naming.settings import shown
+from pilotid.naming.settings import as_typed
 from pilotid.report.page import FIGURES, Figure, render, save_figures, write_page
 from pilotid.report.study_figures import errors
 from pilotid.report.study_tables import (
@@ -206,7 +206,7 @@ def provenance(study: Comparison) -> dict[str, Any]:
     about = study.about
     facts = ", ".join(f"{key} {value}" for key, value in about.items() if key not in OWN_FACTS)
     entries = {**study.methods, **study.scenarios}
-    settings = [(name, f"`{shown(entry.settings)}`") for name, entry in entries.items()]
+    settings = [(name, f"`{as_typed(entry.settings)}`") for name, entry in entries.items()]
     return {
         "command": command(study),
         "seed": f"Seed {about.get('seed', '?')}, code digest {about.get('code', '?')}; {facts}.",

@@ -22,7 +22,7 @@ from pilotid.datasets.simulation import remnant_ratio
 from pilotid.estimate.method import Method
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.naming.code import code_digest, packed
-from pilotid.naming.settings import labelled, plain
+from pilotid.naming.settings import labelled, to_jsonable
 from pilotid.study import paper
 from pilotid.study.run import (
     OUTSIDE,
@@ -75,7 +75,7 @@ def method_entry(method: Method, position: int = 0, typed: str = "", label: str 
         kind = type(method)
         place_in_code = f"{kind.__module__}:{kind.__qualname__}"
         typed = own if registered else labelled(place_in_code, method)
-    return Entry(label or own, place, plain(method), code_digest(method), typed)
+    return Entry(label or own, place, to_jsonable(method), code_digest(method), typed)
 
 
 def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") -> Entry:
@@ -108,7 +108,7 @@ def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") ->
         ) from error
     name, about = scenario.name, scenario.description
     place = known.index(name) if name in known else len(known) + position
-    own = place, plain(scenario), code_digest(scenario), typed or name
+    own = place, to_jsonable(scenario), code_digest(scenario), typed or name
     return Entry(name, *own, about, model, family, population, remnant)
 
 
