@@ -95,8 +95,9 @@ def overview(study: Comparison) -> tuple[list[str], list[Table], list[Ranking]]:
     words = [answer(study, name) for name in detailed]
     if prior := [f"`{m}`" for m, entry in study.methods.items() if entry.uses_prior]:
         words.append(
-            f"* {', '.join(prior)} use prior knowledge: the range that parameters of pilots "
-            "usually have. `bayes(prior=3)` has priors three times as wide."
+            f"* {', '.join(prior)} {'use' if len(prior) > 1 else 'uses'} prior knowledge: the "
+            "range that parameters of pilots usually have. `bayes(prior=3)` has priors three times "
+            "as wide."
         )
         words += [wider for name in detailed for wider in _wider_priors(study, name)]
     losses = [matrix(study, names)] if len(names) > 1 else []
