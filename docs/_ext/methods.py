@@ -82,7 +82,7 @@ def _write(app: Sphinx) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with (ROOT / "results/reference/summary.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    texts = {f"{method.name}.md": page_of(method, rows) for method in METHODS}
+    texts = {f"{method.name}.md": page_of(method, rows) for method in METHODS.values()}
     texts["ranking.txt"] = ranking(rows, "population-usual")
     for name, text in texts.items():
         path = folder / name
