@@ -27,8 +27,9 @@ Bayesian Inference in Econometrics, 1971.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -40,7 +41,7 @@ from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.model import PilotModel
-from pilotid.posterior.likelihood import Posterior, Prior, priors_of
+from pilotid.posterior.likelihood import Marginal, Posterior, Prior, priors_of
 from pilotid.posterior.sampling import sample
 from pilotid.recording.recording import Recording
 
@@ -50,6 +51,13 @@ SUMMITS = (
     "without a target the posterior has several summits, and no sampler here finds them all "
     "reliably; record with a target and a disturbance, or fit one channel"
 )
+
+
+class Inference(NamedTuple):
+    """An estimate, whose draws are those of the posterior under a likelihood."""
+
+    estimate: Estimate
+    likelihood: Marginal
 
 
 @dataclass(frozen=True)
@@ -67,6 +75,8 @@ class Bayes(LikelihoodSettings):
     priors
         Pairs of a parameter's key and a prior in the place of the default one: any frozen
         distribution of scipy.stats, truncated at the model's bounds.
+    intervals
+        ``equal-tailed`` or ``highest-density``, the shortest.
     effective
         Effective number of draws that every parameter must have.  With 400 the Monte-Carlo error
         of the ends of intervals is 0.13 standard errors, which costs 0.2 % of coverage.
@@ -77,6 +87,7 @@ class Bayes(LikelihoodSettings):
     likelihood: Literal["remnant", "white"] = "remnant"
     prior: float = 1.0
     priors: tuple[tuple[str, Prior], ...] = ()
+    intervals: Literal["equal-tailed", "highest-density"] = "equal-tailed"
     effective: float = 400.0
     most: int = 1500
 
@@ -86,6 +97,10 @@ class Bayes(LikelihoodSettings):
     def name(self) -> str:
         """``bayes``, or ``bayes-white`` for a white likelihood."""
         return "bayes" if self.likelihood == "remnant" else "bayes-white"
+
+    def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """None: any recording and any model will do."""
+        return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Sample the posterior.
@@ -99,35 +114,43 @@ class Bayes(LikelihoodSettings):
         rng
             Draws the other starts, and the posterior's draws.
         """
-        return self.infer(recording, model, rng)[0]
+        return self.infer(recording, model, rng).estimate
 
     def infer(
-        self, recording: Recording, model: PilotModel, rng: np.random.Generator
-    ) -> tuple[Estimate, Posterior]:
-        """As `fit`, and the posterior too, which a predictive band needs.
+        self,
+        recording: Recording,
+        model: PilotModel,
+        rng: np.random.Generator,
+        watch: Callable[[float], None] | None = None,
+    ) -> Inference:
+        """As `fit`, and the likelihood too, which a posterior predictive band needs.
 
         Parameters
         ----------
         recording, model, rng
             As for `fit`.
+        watch
+            Is told the share of the run that is done.
         """
         white = self.likelihood == "white"
         settings = replace(self, noise=LowPass(0), loop=False) if white else self
-        optimum = maximise_likelihood(recording, model, rng, settings)
-        joint = optimum.joint
-        priors = priors_of(model, joint.noise, self.priors, self.prior)
-        posterior = Posterior(joint, priors, 1.0 if white else optimum.variance_factor)
-        start = posterior.approximation(optimum)
-        draws = sample(posterior, *start, rng, self.effective, self.most)
+        found = maximise_likelihood(recording, model, rng, settings)
+        joint = found.joint
+        likelihood = Marginal(joint, 1.0 if white else found.variance_factor)
+        posterior = Posterior(likelihood, priors_of(model, joint.noise, self.priors, self.prior))
+        start = posterior.approximation(found)
+        draws = sample(posterior, *start, rng, self.effective, self.most, watch)
         if draws is None:
             why = "the posterior density is zero around the best fit"
-            return failed(self.name, model, Outcome.NOT_CONVERGED, why), posterior
+            return Inference(failed(self.name, model, Outcome.NOT_CONVERGED, why), likelihood)
         message = (
             f"after {draws.chains[1]} steps the ensembles have {draws.effective.min():.0f} "
             f"effective draws, of {self.effective:.0f} wanted, and R-hat {draws.r_hat.max():.3f}"
         )
         pilot = joint.pilot_count
         values = draws.centre[:pilot]
+        highest = self.intervals == "highest-density"
+        intervals = draws.highest_density if highest else draws.equal_tailed
         estimate = make_estimate(
             self.name,
             recording,
@@ -135,21 +158,21 @@ class Bayes(LikelihoodSettings):
             values,
             draws.covariance[:pilot, :pilot],
             converged=draws.converged,
-            optimum=optimum.end.values[0, :pilot],
+            optimum=found.end.values[0, :pilot],
         )
         words = (estimate.message, "" if draws.converged else message)
         estimate = replace(
             estimate,
-            intervals=draws.equal_tailed[:pilot],
+            intervals=intervals[:pilot],
             message="; ".join(part for part in words if part),
-            iterations=optimum.iterations,
-            starts=optimum.starts,
-            band=optimum.band_of(recording),
-            remnant=optimum.remnant,
+            iterations=found.iterations,
+            starts=found.starts,
+            band=found.band_of(recording),
+            remnant=found.remnant,
             draws=draws,
             remarks=too_short(Likelihood(joint.prediction), values) if white else (),
         )
         if estimate.outcome.usable and is_vague(estimate) and one_signal(recording, model):
             # Several summits, far apart: draws about one of them look as good as any others.
             estimate = replace(estimate, outcome=Outcome.NOT_CONVERGED, message=SUMMITS)
-        return estimate, posterior
+        return Inference(estimate, likelihood)

@@ -24,6 +24,7 @@ from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.posterior.likelihood import (
     HalfCauchy,
     LogNormal,
+    Marginal,
     Normal,
     Posterior,
     default_prior,
@@ -41,11 +42,11 @@ SIMPLE = simulate(ONE, np.random.default_rng(22))
 
 def likelihood_of(
     noise: NoiseModel, terms: tuple[float, ...] = (), runs: int = 1, offset: float = 0.0
-) -> Posterior:
+) -> Marginal:
     recording = simulate(replace(NOMINAL, runs=runs), np.random.default_rng(1))
     recording = replace(recording, u=recording.u + offset)
     prediction = replace(predict(recording, MULTI, 50.0), nuisance_poles=terms)
-    return Posterior(Likelihood(prediction, noise))
+    return Marginal(Likelihood(prediction, noise))
 
 
 def sets_of(noise: NoiseModel, count: int) -> FloatArray:
@@ -69,9 +70,8 @@ def test_residuals_are_those_of_the_prediction() -> None:
 def test_a_widened_likelihood_knows_less_by_the_factor(noise: NoiseModel) -> None:
     plain = likelihood_of(noise)
     values = sets_of(LowPass(2), 5)[:, : plain.count]
-    widened = Posterior(plain.joint, widened=1.25)
-    known = 1.25 * widened.log_likelihood(values)
-    np.testing.assert_allclose(known, plain.log_likelihood(values), rtol=1e-12)
+    widened = Marginal(plain.joint, 1.25)
+    np.testing.assert_allclose(1.25 * widened.log(values), plain.log(values), rtol=1e-12)
 
 
 @pytest.mark.parametrize("terms", [(), (0.0, -1.0 / 6.0)], ids=["plain", "nuisance"])
@@ -90,7 +90,7 @@ def test_autoregressive_coefficients_are_integrated_out(offset: float) -> None:
     noise = Autoregressive(3)
     likelihood = likelihood_of(noise, (0.0, -1.0 / 6.0), runs=2, offset=offset)
     values = sets_of(LowPass(0), 2)
-    found = likelihood.log_likelihood(values)
+    found = likelihood.log(values)
     # On a grid around the optimum: the integral of (sum of squares)^(-N/2).
     logs = []
     for own in values:
@@ -150,6 +150,8 @@ def test_priors_are_those_of_scipy(
 ) -> None:
     x = np.array([0.05, 0.3, 1.0, 4.0])
     np.testing.assert_allclose(prior.logpdf(x), oracle.logpdf(x), rtol=1e-12)
+    drawn = prior.draw(np.random.default_rng(0), 2000)
+    assert stats.kstest(drawn, oracle.cdf).pvalue > 1e-3
 
 
 def test_four_fifths_of_a_prior_lie_in_the_range_of_published_values() -> None:
@@ -167,15 +169,14 @@ def test_of_two_lags_that_may_be_exchanged_the_shorter_is_first() -> None:
     model = MODELS["precision"]
     prediction = predict(simulate(SCENARIOS["nominal"], recording_rng(1, "nominal", 0)), model, 20)
     noise = LowPass(1)
-    posterior = Posterior(Likelihood(prediction, noise), priors_of(model, noise))
+    likelihood = Marginal(Likelihood(prediction, noise))
+    posterior = Posterior(likelihood, priors_of(model, noise))
     pilot = {"tlag": 2.0, "tlaglow": 6.0, "tlead": 0.5, "tleadlow": 3.0}
     changed = dict(zip(model.keys, model.start, strict=True)) | pilot
     swapped = changed | {"tlag": 6.0, "tlaglow": 2.0}
     sets = np.array([[*model.vector(values), 3.0] for values in (changed, swapped)])
-    first, second = posterior.log_likelihood(sets)
-    assert first == pytest.approx(second, rel=1e-9)
-    points = np.where(posterior.positive, np.log(np.where(posterior.positive, sets, 1.0)), sets)
-    assert list(np.isfinite(posterior.log_density(points))) == [True, False]
+    assert likelihood.log(sets)[0] == pytest.approx(likelihood.log(sets)[1], rel=1e-9)
+    assert list(np.isfinite(posterior.log_density(posterior.points(sets)))) == [True, False]
     np.testing.assert_allclose(model.ordered(sets[:, :-1])[1], sets[0, :-1])
     bounded = model.with_bounds(tlag=(3.0, 30.0))
     np.testing.assert_array_equal(bounded.ordered(sets[1:, :-1]), sets[1:, :-1])
@@ -251,18 +252,18 @@ def test_the_posterior_of_a_gain_alone_is_that_of_a_quadrature() -> None:
     model = SINGLE.with_fixed(**{key: value for key, value in known.items() if key != "Kvis"})
     flat = stats.uniform(0.0, 10.0)
     method = Bayes(likelihood="white", band=None, priors=(("Kvis", flat),), effective=4000.0)
-    estimate, posterior = method.infer(SIMPLE, model, np.random.default_rng(6))
-    grid = np.linspace(0.8, 1.2, 4001) * estimate.values[0]
+    inference = method.infer(SIMPLE, model, np.random.default_rng(6))
+    grid = np.linspace(0.8, 1.2, 4001) * inference.estimate.values[0]
     # A Student-t density in closed form: the response is linear in the gain.
-    squares = posterior.sums_of_squares(grid[:, None])
+    squares = inference.likelihood.sums_of_squares(grid[:, None])
     a, b, c = np.polyfit(grid, squares, 2)
-    freedom = posterior.joint.residuals - 1
+    freedom = inference.likelihood.joint.residuals - 1
     oracle = stats.t(freedom, -b / (2.0 * a), np.sqrt((c - b * b / (4.0 * a)) / (a * freedom)))
-    values = drawn(estimate).values[:, 0]
-    error = oracle.std() / np.sqrt(drawn(estimate).effective[0])
+    values = drawn(inference.estimate).values[:, 0]
+    error = oracle.std() / np.sqrt(drawn(inference.estimate).effective[0])
     assert values.mean() == pytest.approx(oracle.mean(), abs=4.0 * error)
     assert values.std() == pytest.approx(oracle.std(), abs=4.0 * error)
-    assert drawn(estimate).equal_tailed[0] == pytest.approx(
+    assert drawn(inference.estimate).equal_tailed[0] == pytest.approx(
         oracle.ppf([0.025, 0.975]), abs=10.0 * error
     )
 
@@ -322,3 +323,12 @@ def test_the_product_of_gain_and_lead_time_comes_from_the_draws() -> None:
     assert product.std_error < 0.06 * product.value
     # The values are geometric means, whose product is that of the draws.
     assert estimate.values[0] * estimate.values[1] == pytest.approx(product.value, rel=5e-3)
+
+
+def test_intervals_are_of_the_kind_asked_for() -> None:
+    tails, shortest = fit(Bayes()), fit(Bayes(intervals="highest-density"))
+    assert tails.values.tobytes() == shortest.values.tobytes()
+    widths = [np.ptp(e.intervals, axis=1) for e in (tails, shortest)]
+    assert (widths[1] <= widths[0] * (1.0 + 1e-9)).all()
+    # Lead time is skewed to the right.
+    assert shortest.intervals[1, 1] < tails.intervals[1, 1]

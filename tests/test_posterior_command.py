@@ -11,23 +11,23 @@ import pytest
 from helpers import SINGLE_LOOP, Run, strict
 
 from pilotid.datasets import simulate
-from pilotid.estimate.estimate import Estimate
-from pilotid.estimate.method import identify
 from pilotid.estimate.quantities import sampled
+from pilotid.likelihood.estimates import simulated_vaf
 from pilotid.likelihood.remnant_models import Autoregressive, LowPass
-from pilotid.methods.bayes import Bayes
+from pilotid.methods.bayes import Bayes, Inference
 from pilotid.model.catalogue import SINGLE
 from pilotid.model.element import double_integrator
 from pilotid.model.loops import margins
-from pilotid.posterior.sampling import predictive_band
+from pilotid.posterior.likelihood import Marginal
+from pilotid.posterior.predictive import derived, predictive_band, vafs
 from pilotid.recording.files import save_recording
 
 RECORDING = simulate(SINGLE_LOOP, np.random.default_rng(31))
 
 
 @pytest.fixture(scope="module")
-def estimate() -> Estimate:
-    return identify(Bayes(), RECORDING, SINGLE, np.random.default_rng(1))
+def inference() -> Inference:
+    return Bayes().infer(RECORDING, SINGLE, np.random.default_rng(1))
 
 
 @pytest.mark.long
@@ -37,7 +37,7 @@ def test_the_command_writes_draws_summary_and_figures(run: Run, tmp_path: Path) 
     printed = run("posterior", file, "--out", out, "--seed", 3)
     assert printed.status == 0, printed.err
     assert "bayes: converged" in printed.out
-    assert "disturbance_phase_margin" in printed.out  # the element comes from the sidecar
+    assert "disturbance phase margin" in printed.out  # the element comes from the sidecar
     assert "loops with the controlled element 4/s^2, named by the recording" in printed.out
     assert " ensembles of " in printed.out
     draws = np.load(out / "draws.npy")
@@ -57,7 +57,7 @@ def test_the_command_writes_draws_summary_and_figures(run: Run, tmp_path: Path) 
     assert page.count("<svg ") == page.count("<figcaption>") == 6
     assert "the ensembles agree" in page
     assert "posterior predictive band." in page
-    assert "(disturbance_phase_margin)" in page
+    assert ">disturbance phase margin<" in page
     assert not [path for path in out.iterdir() if path.name.endswith(".part")]
 
 
@@ -86,20 +86,26 @@ def test_wrong_use_ends_with_a_sentence(run: Run, arguments: list[str], sentence
     assert sentence in answer.err
 
 
-def test_derived_quantities_are_those_of_the_parameters(estimate: Estimate) -> None:
+def test_derived_quantities_are_those_of_the_parameters(inference: Inference) -> None:
+    draws = inference.estimate.draws
+    assert draws is not None
+    some = draws.thinned(3)[:, :5]
+    expected = [simulated_vaf(RECORDING, SINGLE, own) for own in some]
+    np.testing.assert_allclose(vafs(RECORDING, SINGLE, some), expected, rtol=1e-9)
     element = double_integrator(4.0)
-    quantities = {s.key: s for s in (*estimate.derived, *estimate.loops(element).quantities)}
+    quantities = {s.key: s for s in derived(draws, SINGLE, RECORDING, element)}
     target, disturbance = margins(SINGLE, SINGLE_LOOP.values, element)
     for key, truth in (
         ("Kvis*tlead", SINGLE_LOOP.truth[0] * SINGLE_LOOP.truth[1]),
-        ("target_crossover", target.crossover),
-        ("target_phase_margin", target.phase_margin),
-        ("disturbance_crossover", disturbance.crossover),
-        ("disturbance_phase_margin", disturbance.phase_margin),
+        ("target crossover", target.crossover),
+        ("target phase margin", target.phase_margin),
+        ("disturbance crossover", disturbance.crossover),
+        ("disturbance phase margin", disturbance.phase_margin),
     ):
         spread = quantities[key]
         assert abs(spread.value - truth) < 3.5 * spread.std_error, key
         assert spread.lower < spread.value < spread.upper
+    assert "target crossover" not in {s.key for s in derived(draws, SINGLE, RECORDING, None)}
 
 
 def test_a_quantity_of_equal_draws_has_no_spread() -> None:
@@ -111,10 +117,11 @@ def test_a_quantity_of_equal_draws_has_no_spread() -> None:
 @pytest.mark.parametrize("noise", [LowPass(2), Autoregressive(4)], ids=lambda n: n.name)
 def test_the_predictive_band_holds_what_it_says(noise: LowPass | Autoregressive) -> None:
     two = simulate(replace(SINGLE_LOOP, runs=2), np.random.default_rng(32))
-    estimate, posterior = Bayes(noise=noise).infer(two, SINGLE, np.random.default_rng(2))
-    draws = estimate.draws
+    found = Bayes(noise=noise).infer(two, SINGLE, np.random.default_rng(2))
+    assert isinstance(found.likelihood, Marginal)
+    draws = found.estimate.draws
     assert draws is not None
-    band = predictive_band(draws, posterior, np.random.default_rng(3))
+    band = predictive_band(draws, found.likelihood, np.random.default_rng(3))
     assert band.control.shape[0] == 2
     assert band.time.size == band.control.shape[1]
     # Correlated samples: the remnant's 160 s are some hundred independent ones.

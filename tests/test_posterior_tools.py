@@ -11,10 +11,9 @@ from scipy import stats
 
 from pilotid.estimate.quantities import Draws, shortest_interval
 from pilotid.posterior.sampling import (
-    DEFENCE,
     FREEDOM,
-    WIDE,
     LogDensity,
+    Mixture,
     StudentT,
     autocorrelation_times,
     fitted,
@@ -129,24 +128,26 @@ def test_a_density_that_no_single_distribution_follows_is_sampled(
     assert np.mean(variances) == pytest.approx(variance, rel=4.0 * np.sqrt(2.0 / total))
 
 
-def test_a_distribution_is_fitted_to_weighted_draws() -> None:
+def test_a_mixture_draws_what_its_density_says() -> None:
     rng = np.random.default_rng(10)
-    root, centre = np.array([[2.0, 0.0], [1.5, 0.5]]), np.array([6.0, -3.0])
-    points = centre + rng.standard_normal((4000, 2)) @ root.T
-    found = fitted(points, np.full(4000, 1.0 / 4000), np.cov(points.T))
-    assert found.centre == pytest.approx(centre, abs=0.15)
-    drawn = found.draw(rng, 40_000)
-    # Weighted by another distribution over its density, draws are of that distribution.
-    other = StudentT(found.centre + [0.5, 0.5], 0.5 * root @ root.T)
-    weights = np.exp(other.log_density(drawn) - found.log_density(drawn))
+    points = np.concatenate([rng.standard_normal((600, 2)), 6.0 + rng.standard_normal((300, 2))])
+    mixture = fitted(points, np.full(900, 1.0 / 900), np.cov(points.T), 4, rng)
+    assert mixture.shares.sum() == pytest.approx(1.0)
+    drawn = mixture.draw(rng, 40_000)
+    # Weighted by one Student-t distribution over the mixture, draws are of that distribution.
+    other = StudentT(np.array([1.0, 2.0]), np.array([[2.0, 0.5], [0.5, 1.0]]))
+    weights = np.exp(other.log_density(drawn) - mixture.log_density(drawn))
     assert weights.mean() == pytest.approx(1.0, abs=4.0 * weights.std() / 200.0)
     assert weights @ drawn / weights.sum() == pytest.approx(other.centre, abs=0.1)
+    # Both heaps, in the proportion they have.
+    near = np.sum((drawn - 6.0) ** 2, axis=1) < np.sum(drawn**2, axis=1)
+    assert np.mean(near) == pytest.approx(1.0 / 3.0, abs=0.05)
 
 
-def test_a_fit_copes_with_draws_of_which_one_has_all_the_weight() -> None:
+def test_a_mixture_copes_with_draws_of_which_one_has_all_the_weight() -> None:
     rng = np.random.default_rng(11)
     points, weights = rng.standard_normal((50, 3)), np.eye(50)[7]
-    drawn = fitted(points, weights, np.eye(3)).draw(rng, 4000)
+    drawn = fitted(points, weights, np.eye(3), 4, rng).draw(rng, 4000)
     np.testing.assert_allclose(np.median(drawn, axis=0), points[7], atol=0.1)
 
 
@@ -158,22 +159,24 @@ def test_where_the_density_is_zero_there_is_no_chain() -> None:
     assert sample(target, np.zeros(2), np.eye(2), np.random.default_rng(3), 10.0, 10) is None
 
 
-def test_a_short_run_has_not_converged() -> None:
+def test_the_watch_is_told_how_far_a_run_is_and_a_short_one_has_not_converged() -> None:
+    shares: list[float] = []
     target: Any = Target(log_density, 3)
-    draws = sample(target, *linear_gaussian()[2:], np.random.default_rng(4), 1e6, 60)
+    rng = np.random.default_rng(4)
+    draws = sample(target, *linear_gaussian()[2:], rng, 1e6, 60, shares.append)
+    assert shares == sorted(shares)
+    assert 0.0 <= shares[0] < shares[-1] <= 1.0
     assert draws is not None
     assert not draws.converged
 
 
-def test_a_student_t_distribution_and_its_copy_are_those_of_scipy() -> None:
+def test_a_student_t_distribution_is_that_of_scipy() -> None:
     centre, scale = np.array([1.0, -2.0]), np.array([[2.0, 0.6], [0.6, 1.0]])
-    own = StudentT(centre, scale)
-    narrow, wide = (stats.multivariate_t(centre, s * scale, df=FREEDOM) for s in (1.0, WIDE))
-    points = own.draw(np.random.default_rng(5), 50_000)
-    density = (1.0 - DEFENCE) * narrow.pdf(points[:50]) + DEFENCE * wide.pdf(points[:50])
-    assert np.ptp(own.log_density(points[:50]) - np.log(density)) < 1e-9
-    size = (1.0 + DEFENCE * (WIDE - 1.0)) * FREEDOM / (FREEDOM - 2.0)
-    np.testing.assert_allclose(np.cov(points.T), size * scale, rtol=0.06)
+    own, oracle = StudentT(centre, scale), stats.multivariate_t(centre, scale, df=FREEDOM)
+    points = Mixture(np.ones(1), [own]).draw(np.random.default_rng(5), 50_000)
+    differences = own.log_density(points[:50]) - oracle.logpdf(points[:50])
+    assert np.ptp(differences) < 1e-9
+    np.testing.assert_allclose(np.cov(points.T), FREEDOM / (FREEDOM - 2.0) * scale, rtol=0.06)
 
 
 # ------------------------------------------------------------------------------ convergence

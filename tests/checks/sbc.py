@@ -23,21 +23,21 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import lognorm
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.estimate.method import identify
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.bayes import Bayes
 from pilotid.model.loops import is_stable
+from pilotid.posterior.likelihood import LogNormal
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
 
 NOMINAL = SCENARIOS["nominal"]
 SPREAD = 0.15  # of the pilot's parameters, on the logarithmic scale
 TRUTH = dict(zip(NOMINAL.model.keys, NOMINAL.truth, strict=True))
-PILOT = {key: lognorm(SPREAD, scale=value) for key, value in TRUTH.items()}
-REMNANT = {"frequency": lognorm(0.3, scale=3.5), "damping": lognorm(0.2, scale=0.7)}
+PILOT = {key: LogNormal(value, SPREAD) for key, value in TRUTH.items()}
+REMNANT = {"frequency": LogNormal(3.5, 0.3), "damping": LogNormal(0.7, 0.2)}
 PRIORS = PILOT | REMNANT
 BINS = 12  # 25 of 300 ranks in each
 DOCS = Path(__file__).parents[2] / "docs"
@@ -46,8 +46,8 @@ DOCS = Path(__file__).parents[2] / "docs"
 def drawn(rng: np.random.Generator) -> Scenario:
     """A scenario from the prior whose closed loop is stable."""
     while True:
-        pilot = tuple(float(prior.rvs(random_state=rng)) for prior in PILOT.values())
-        frequency, damping = (float(p.rvs(random_state=rng)) for p in REMNANT.values())
+        pilot = tuple(float(prior.draw(rng, 1)[0]) for prior in PILOT.values())
+        frequency, damping = (float(prior.draw(rng, 1)[0]) for prior in REMNANT.values())
         remnant = replace(NOMINAL.remnant, frequency=frequency, damping=damping)
         scenario = replace(NOMINAL, truth=pilot, remnant=remnant)
         if is_stable(scenario.model, scenario.values, scenario.element):

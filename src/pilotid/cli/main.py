@@ -317,7 +317,12 @@ def infer(
     from pilotid.estimate.method import Fitted, import_libraries
     from pilotid.estimate.warnings import all_remarks
     from pilotid.methods.bayes import Bayes
-    from pilotid.posterior.sampling import predictive_band, sampled_parameters
+    from pilotid.posterior.predictive import (
+        derived,
+        loop_notes,
+        predictive_band,
+        sampled_parameters,
+    )
     from pilotid.report.posterior import print_posterior, write_posterior
 
     method = Bayes(effective=2000.0)
@@ -332,18 +337,17 @@ def infer(
     import_libraries(method)
     begin = time.perf_counter()
     with make_console(errors=True).status("sampling"):
-        estimate, density = method.infer(choice.named_in(recording), model, rng)
+        estimate, likelihood = method.infer(choice.named_in(recording), model, rng)
     estimate = replace(estimate, seconds=time.perf_counter() - begin)
     estimate = replace(estimate, remarks=all_remarks(estimate, recording))
-    fit = Fitted(recording, model, (estimate,), (*told, *choice.remarks), choice)
-    draws, plant = estimate.draws, choice.element
+    fit, draws, plant = Fitted(recording, model, (estimate,), told), estimate.draws, choice.element
     if draws is None:
         print_posterior(fit)
         return
-    quantities = [*sampled_parameters(draws, model), *estimate.derived]
-    quantities += [quantity for loops in fit.loops for quantity in loops.quantities]
-    predictive = predictive_band(draws, density, rng)
-    notes = [choice.words, *(note for loops in fit.loops for note in loops.notes)]
+    quantities = sampled_parameters(draws, model) + derived(draws, model, recording, plant)
+    predictive = predictive_band(draws, likelihood, rng)
+    notes = [choice.words, *(loop_notes(draws, model, plant) if plant is not None else [])]
+    fit = replace(fit, remarks=(*fit.remarks, *choice.remarks))
     if folder is not None:
         written = write_posterior(folder, fit, quantities, predictive, plant, notes)
         notes += [str(path) for path in written]

@@ -310,9 +310,7 @@ class BandTerms:
         return np.asarray(found)
 
 
-def most_likely_regression(
-    products: FloatArray, terms: BandTerms | None
-) -> tuple[FloatArray, FloatArray]:
+def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[FloatArray, FloatArray]:
     """Autoregressions that are most likely in a band, each given its pilot.
 
     Parameters
@@ -321,27 +319,16 @@ def most_likely_regression(
         Products of the residual at all pairs of lags, those outside the band included, shape
         (sets, order + 1, order + 1).
     terms
-        The band; None for direct prediction errors, of which squares are all there is.
+        The band.
 
     Returns
     -------
     Whitening filters, shape (sets, order + 1), and log-determinants of the Hessians of
-    (n / 2) log(sum of squares) - sum V log |A|^2 there, or of the products, shape (sets,).
+    (n / 2) log(sum of squares) - sum V log |A|^2 there, shape (sets,).
     """
-    hessian = products[:, 1:, 1:]
-    taps = np.ones(products.shape[:2])
-    taps[:, 1:] = -np.linalg.solve(hessian, products[:, 1:, :1])[..., 0]
-    if terms is not None:
-        taps, hessian = _most_likely_in_band(taps, products, terms)
-    sign, log_determinant = np.linalg.slogdet(hessian)
-    return taps, np.where(sign > 0.0, log_determinant, np.nan)
-
-
-def _most_likely_in_band(
-    taps: FloatArray, products: FloatArray, terms: BandTerms
-) -> tuple[FloatArray, FloatArray]:
-    """Filters after Newton steps from those of least squares, and Hessians."""
     order, size = products.shape[1] - 1, float(terms.residuals)
+    taps = np.ones(products.shape[:2])
+    taps[:, 1:] = -np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])[..., 0]
     shifts = terms.shifts[: 2 * order + 1]
     sums = np.add.outer(np.arange(1, order + 1), np.arange(1, order + 1))
     for _ in range(4):
@@ -355,7 +342,8 @@ def _most_likely_in_band(
         hessian -= 2.0 * size * across[:, :, None] * across[:, None, :]
         hessian += 2.0 * ((inverse**2 * terms.whitened) @ shifts.T).real[:, sums]
         taps[:, 1:] -= np.linalg.solve(hessian, slope[..., None])[..., 0]
-    return taps, hessian
+    sign, log_determinant = np.linalg.slogdet(hessian)
+    return taps, np.where(sign > 0.0, log_determinant, np.nan)
 
 
 def group_begins(

@@ -36,7 +36,7 @@ from pilotid.plots.style import (
     square_unit,
     with_unit,
 )
-from pilotid.posterior.sampling import PredictiveBand
+from pilotid.posterior.predictive import PredictiveBand
 from pilotid.recording.recording import Recording
 from pilotid.support.numbers import Z95
 from pilotid.support.types import FloatArray, InputError

@@ -21,7 +21,7 @@ likely (Laplace).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -34,7 +34,7 @@ from pilotid.likelihood.remnant_models import NoiseModel
 from pilotid.model.factors import Parameter
 from pilotid.model.model import PilotModel
 from pilotid.solve.least_squares import LogTransform
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.types import BoolArray, FloatArray, InputError
 
 #: Standard deviations from the middle of a normal distribution that hold four fifths of it.
 FOUR_FIFTHS = 1.2815515655446004
@@ -64,8 +64,13 @@ class LogNormal:
     spread: float
 
     def logpdf(self, x: FloatArray) -> FloatArray:
-        logs = np.log(x)
-        return Normal(math.log(self.median), self.spread).logpdf(logs) - logs
+        offset = np.log(x / self.median) / self.spread
+        constant = math.log(self.spread * math.sqrt(2.0 * math.pi))
+        return np.asarray(-0.5 * offset * offset - np.log(x) - constant)
+
+    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Random values, shape (count,)."""
+        return self.median * np.exp(self.spread * rng.standard_normal(count))
 
 
 @dataclass(frozen=True)
@@ -86,6 +91,10 @@ class Normal:
         constant = math.log(self.spread * math.sqrt(2.0 * math.pi))
         return np.asarray(-0.5 * offset * offset - constant)
 
+    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Random values, shape (count,)."""
+        return self.mean + self.spread * rng.standard_normal(count)
+
 
 @dataclass(frozen=True)
 class HalfCauchy:
@@ -102,6 +111,10 @@ class HalfCauchy:
     def logpdf(self, x: FloatArray) -> FloatArray:
         constant = math.log(2.0 / (math.pi * self.scale))
         return np.asarray(constant - np.log1p((x / self.scale) ** 2))
+
+    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Random values, shape (count,)."""
+        return np.asarray(self.scale * np.tan(0.5 * np.pi * rng.uniform(size=count)))
 
 
 #: Priors that replace the defaults, by the key of their parameter.
@@ -162,76 +175,52 @@ def priors_of(
     return (*pilot, *(given.get(key) or REMNANT[key] for key in keys))
 
 
-CACHE = 28_000  # bins of all sets that are evaluated at once: about what the cache holds
-#: Standard deviations, on the inner scale, beyond which nobody looks for a parameter: they
-#: keep the first guess of the covariance finite where the likelihood knows nothing.
-BROAD_LOG, BROAD_LINEAR = 2.0, 0.5
+BLOCK = 16  # parameter sets evaluated at once: about what the processor's cache holds
 
 
-class Posterior:
-    """Log-density by parameters of the pilot and those of the remnant that are sampled.
+class Marginal:
+    """Log-likelihood by pilot parameters and those of the remnant that stay.
 
     Parameters
     ----------
     joint
         Prediction, model of the remnant and analysis band.
-    priors
-        One for each parameter; the bounds truncate them.
     widened
         Factor on the variances that the likelihood stands for, see
         `pilotid.likelihood.optimum.Optimum`: the remnant's model was chosen from the
         same seconds, which integrating over its parameters does not tell.
     """
 
-    def __init__(
-        self, joint: Likelihood, priors: tuple[Prior, ...] = (), widened: float = 1.0
-    ) -> None:
-        self.joint, self.priors, self.widened = joint, priors, widened
-        regressive, keys = joint.noise.regressive, joint.noise.keys
-        #: Number of the remnant's parameters that are integrated out, and of all that stay.
-        self.integrated = len(keys) if regressive else 0
+    def __init__(self, joint: Likelihood, widened: float = 1.0) -> None:
+        self.joint, self.widened = joint, widened
+        self._terms = joint.prediction.band_terms
+        #: Number of the remnant's parameters that are integrated out.
+        self.integrated = len(joint.noise.keys) if joint.noise.regressive else 0
+        #: Number of parameters that stay.
         self.count = joint.lower.size - self.integrated
-        #: Names of the parameters, those of the remnant last.
-        self.keys = (*joint.prediction.model.keys, *(() if regressive else keys))
-        #: Bounds, and which parameters are sampled on a logarithmic scale.
-        self.lower, self.upper, self.positive = (
-            ends[: self.count] for ends in (joint.lower, joint.upper, joint.positive)
-        )
-        self._scale = LogTransform(self.positive)
 
-    def values(self, points: FloatArray) -> FloatArray:
-        """Parameters at points of the inner scale, shape (sets, parameters)."""
-        return self._scale.leave(points)
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Names of the parameters, those of the remnant last."""
+        remnant = () if self.integrated else self.joint.noise.keys
+        return (*self.joint.prediction.model.keys, *remnant)
 
-    def log_density(self, points: FloatArray) -> FloatArray:
-        """Up to a constant, -inf outside the bounds and where there is no number, (sets,).
+    @property
+    def lower(self) -> FloatArray:
+        """Lower bounds."""
+        return self.joint.lower[: self.count]
 
-        Of two pilots with one response only that counts which `PilotModel.ordered` gives.
+    @property
+    def upper(self) -> FloatArray:
+        """Upper bounds."""
+        return self.joint.upper[: self.count]
 
-        Parameters
-        ----------
-        points
-            Parameters on the inner scale, shape (sets, parameters).
-        """
-        with np.errstate(over="ignore"):
-            values = self.values(points)
-        inside = np.all((values > self.lower) & (values < self.upper), axis=1)
-        pilots = values[:, : self.joint.pilot_count]
-        inside &= np.all(self.joint.prediction.model.ordered(pilots) == pilots, axis=1)
-        result = np.full(len(points), -np.inf)
-        within = np.flatnonzero(inside)
-        share = self.joint.prediction.control_spectrum.size / CACHE
-        pieces = min(within.size, math.ceil(within.size * share))
-        for block in np.array_split(within, pieces) if pieces else ():
-            own = values[block]
-            columns = zip(self.priors, own.T, strict=True)
-            prior = np.sum([prior.logpdf(column) for prior, column in columns], axis=0)
-            # d value / d log(value) = value
-            slope = np.sum(points[block][:, self.positive], axis=1)
-            result[block] = self.log_likelihood(own) + prior + slope
-        return np.where(np.isfinite(result), result, -np.inf)
+    @property
+    def positive(self) -> BoolArray:
+        """Which parameters are sampled on a logarithmic scale."""
+        return self.joint.positive[: self.count]
 
-    def log_likelihood(self, values: FloatArray) -> FloatArray:
+    def log(self, values: FloatArray) -> FloatArray:
         """Log-likelihood up to a constant, shape (sets,).
 
         Parameters
@@ -239,20 +228,21 @@ class Posterior:
         values
             Parameter sets inside the bounds, shape (sets, parameters).
         """
-        joint, terms = self.joint, self.joint.band_terms
-        freedom, further = joint.residuals, np.zeros(len(values))
+        terms, freedom, further = self._terms, self.joint.residuals, np.zeros(len(values))
         # What overflows is no number, which is no likelihood either.
         with np.errstate(all="ignore"):
             if self.integrated:
                 products = self.lagged_products(values)
-                taps, further = most_likely_regression(products, terms)
-                squares = np.vecdot((products @ taps[..., None])[..., 0], taps)
+                taps, further = self._regressed(products)
+                sums = np.einsum("si,sij,sj->s", taps, products, taps)
                 freedom -= self.integrated if terms is None else 0
             else:
-                taps, squares = self._taps(values), self.sums_of_squares(values)
-            deviance = freedom * np.log(squares) + further
+                taps, sums = self._taps(values), self.sums_of_squares(values)
+            deviance = freedom * np.log(sums) + further
             if terms is not None:
-                loop = joint.prediction.loop.residual_spectra(values[:, : joint.pilot_count])
+                loop = self.joint.prediction.loop.residual_spectra(
+                    values[:, : self.joint.pilot_count]
+                )
                 deviance += 2.0 * (terms.of_loop(loop[:, 0]) + terms.of_whitener(taps))
             return np.asarray(-0.5 / self.widened * deviance)
 
@@ -265,15 +255,20 @@ class Posterior:
             Sets of pilot and, in any case, remnant parameters.
         """
         taps, prediction = self._taps(values), self.joint.prediction
-        spectra = prediction.residual_spectra(values[:, : self.joint.pilot_count])
-        if taps.shape[1] > 1:
-            spectra *= prediction.filter_response(taps)[:, None, :]
-        errors = prediction.without_nuisance(prediction.samples_of(spectra))
-        errors = prediction.weighted_rows(errors).reshape(len(errors), -1)
-        squares, terms, count = np.vecdot(errors, errors), self.joint.band_terms, taps.shape[1]
-        if terms is not None:
-            squares += np.vecdot(taps @ terms.outside[:count, :count], taps)
-        return np.asarray(squares)
+        sums = np.empty(len(values))
+        for block in _blocks(len(values)):
+            spectra = prediction.residual_spectra(values[block, : self.joint.pilot_count])
+            if taps.shape[1] > 1:
+                spectra *= prediction.filter_response(taps[block])[:, None, :]
+            errors = prediction.without_nuisance(prediction.samples_of(spectra))
+            if self._terms is not None:
+                errors = prediction.weighted_rows(errors)
+            errors = errors.reshape(len(errors), -1)
+            sums[block] = np.vecdot(errors, errors)
+        if self._terms is not None:
+            count = taps.shape[1]
+            sums += np.vecdot(taps @ self._terms.outside[:count, :count], taps)
+        return sums
 
     def _taps(self, values: FloatArray) -> FloatArray:
         """Whitening filters of sets of pilot and remnant parameters."""
@@ -289,28 +284,118 @@ class Posterior:
         -------
         Array of shape (sets, order + 1, order + 1).
         """
-        prediction, order, terms = self.joint.prediction, self.integrated, self.joint.band_terms
+        prediction, order = self.joint.prediction, len(self.joint.noise.keys)
+        scored = prediction.scored
+        result = np.empty((len(values), order + 1, order + 1))
+        for block in _blocks(len(values)):
+            signal = self._long_residual(values[block])
+            if self._terms is not None:
+                lags = np.moveaxis(self._terms.lagged(signal, order), 0, 1)
+            else:
+                each = [signal[..., order - j : order - j + scored] for j in range(order + 1)]
+                lags = prediction.without_nuisance(np.stack(each, axis=1))
+            flat = lags.reshape(*lags.shape[:2], -1)
+            result[block] = flat @ flat.transpose(0, 2, 1)
+        if self._terms is not None:
+            result += self._terms.outside[: order + 1, : order + 1]
+        return result
+
+    def _long_residual(self, values: FloatArray) -> FloatArray:
+        """Residuals from `order` samples before the first scored one, (sets, runs, samples).
+
+        Nuisance terms are fitted to the scored samples and taken out of all: what is left of
+        them at other lags is then small beside the residual, whatever the offset was.
+        """
+        prediction, order = self.joint.prediction, len(self.joint.noise.keys)
         spectra = prediction.residual_spectra(values[:, : self.joint.pilot_count])
         signal = prediction.samples_before(spectra, order)
-        # Nuisance terms are fitted to the scored samples and taken out of all: what is left of them
-        # at other lags is then small beside the residual, whatever the offset was.
+        if not prediction.nuisance_poles:
+            return signal
         amplitudes = signal[..., order:] @ np.linalg.pinv(prediction.nuisance_terms).T
         time = np.arange(-order, prediction.scored) * prediction.dt
-        signal = signal - amplitudes @ np.exp(np.outer(prediction.nuisance_poles, time))
-        if terms is not None:
-            lags = np.moveaxis(terms.lagged(signal, order), 0, 1)
-        else:
-            ends = range(order, -1, -1)
-            each = [signal[..., first : first + prediction.scored] for first in ends]
-            lags = prediction.without_nuisance(np.stack(each, axis=1))
-        flat = lags.reshape(*lags.shape[:2], -1)
-        products = flat @ flat.transpose(0, 2, 1)
-        return products if terms is None else products + terms.outside[: order + 1, : order + 1]
+        return np.asarray(signal - amplitudes @ np.exp(np.outer(prediction.nuisance_poles, time)))
+
+    def _regressed(self, products: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Whitening filters that suit best, and log-determinants of what was integrated out."""
+        if self._terms is not None:
+            return most_likely_regression(products, self._terms)
+        taps = np.ones(products.shape[:2])
+        taps[:, 1:] = -np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])[..., 0]
+        sign, log_determinant = np.linalg.slogdet(products[:, 1:, 1:])
+        return taps, np.where(sign > 0.0, log_determinant, np.nan)
 
     def coefficients(self, values: FloatArray) -> FloatArray:
         """Autoregressive coefficients that suit each parameter set best, (sets, order)."""
-        products = self.lagged_products(values)
-        return most_likely_regression(products, self.joint.band_terms)[0][:, 1:]
+        return self._regressed(self.lagged_products(values))[0][:, 1:]
+
+
+def _blocks(count: int) -> Iterator[slice]:
+    """Slices of `BLOCK` parameter sets that cover so many."""
+    return (slice(begin, begin + BLOCK) for begin in range(0, count, BLOCK))
+
+
+#: Standard deviations, on the inner scale, beyond which nobody looks for a parameter: they
+#: keep the first guess of the covariance finite where the likelihood knows nothing.
+BROAD_LOG, BROAD_LINEAR = 2.0, 0.5
+
+
+class Posterior:
+    """Log-density by points on the inner scale.
+
+    Parameters
+    ----------
+    likelihood
+        The likelihood.
+    priors
+        One for each of its parameters; the bounds truncate them.
+    """
+
+    def __init__(self, likelihood: Marginal, priors: tuple[Prior, ...]) -> None:
+        self.likelihood, self.priors = likelihood, priors
+        self._scale = LogTransform(likelihood.positive)
+        self._lower, self._upper = likelihood.lower, likelihood.upper
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The parameters' names."""
+        return self.likelihood.keys
+
+    @property
+    def positive(self) -> BoolArray:
+        """Which of them are sampled by their logarithm, shape (parameters,)."""
+        return self.likelihood.positive
+
+    def values(self, points: FloatArray) -> FloatArray:
+        """Parameters at points of the inner scale, shape (sets, parameters)."""
+        return self._scale.leave(points)
+
+    def points(self, values: FloatArray) -> FloatArray:
+        """Points of the inner scale, shape (sets, parameters)."""
+        return self._scale.enter(values)
+
+    def log_prior(self, values: FloatArray) -> FloatArray:
+        """Logarithm of the prior density at parameters inside the bounds, shape (sets,)."""
+        columns = zip(self.priors, values.T, strict=True)
+        return np.asarray(np.sum([prior.logpdf(column) for prior, column in columns], axis=0))
+
+    def log_density(self, points: FloatArray) -> FloatArray:
+        """Up to a constant, -inf outside the bounds and where there is no number, (sets,).
+
+        Of two pilots with one response only that counts which `PilotModel.ordered` gives.
+        """
+        with np.errstate(over="ignore"):
+            values = self.values(points)
+        inside = np.all((values > self._lower) & (values < self._upper), axis=1)
+        joint = self.likelihood.joint
+        pilots = values[:, : joint.pilot_count]
+        inside &= np.all(joint.prediction.model.ordered(pilots) == pilots, axis=1)
+        result = np.full(len(points), -np.inf)
+        if inside.any():
+            own = values[inside]
+            # d value / d log(value) = value
+            slope = np.sum(points[inside][:, self._scale.positive], axis=1)
+            result[inside] = self.likelihood.log(own) + self.log_prior(own) + slope
+        return np.where(np.isfinite(result), result, -np.inf)
 
     def approximation(self, maximum: Optimum) -> tuple[FloatArray, FloatArray]:
         """Mode of the likelihood and covariance there, on the inner scale.
@@ -326,8 +411,6 @@ class Posterior:
         variance = max(float(end.cost[0]), np.finfo(float).tiny) / joint.residuals
         information = scale.inner(end.gram[:1], values)[0, :-1, :-1] / variance
         broad = np.where(joint.positive, BROAD_LOG, BROAD_LINEAR) ** -2.0
-        # What the loop's term takes may leave no information in some direction.
-        sizes, axes = np.linalg.eigh(information + np.diag(broad))
-        covariance = (axes / np.maximum(sizes, broad.min())) @ axes.T
-        count = self.count
+        covariance = np.linalg.inv(information + np.diag(broad))
+        count = self.likelihood.count
         return scale.enter(values)[0, :count], np.asarray(covariance[:count, :count])

@@ -1,13 +1,13 @@
-"""Sampling of a posterior with emcee, whose shape is nearly known, and what follows from draws.
+"""Sampling of a posterior with emcee, whose shape is nearly known beforehand.
 
 Foreman-Mackey, Hogg, Lang and Goodman, emcee: The MCMC Hammer, PASP 125, 2013.  Most moves are
-proposals that do not depend on the walkers, from a Student-t distribution with a wider copy, of
-which half or more are accepted; the others go by differential evolution (ter Braak, Statistics and
+proposals that do not depend on the walkers, from a mixture of Student-t distributions, of which
+half or more are accepted; the others go by differential evolution (ter Braak, Statistics and
 Computing 16, 2006), which needs no such knowledge.
 
-The distribution is fitted to draws around the optimum, weighted by the density (importance
-sampling with truncated weights: Ionides, Journal of Computational and Graphical Statistics 17(2),
-2008); walkers start at some of them.  Where it follows badly, another is fitted to the chains.
+The first mixture is fitted to draws around the optimum, weighted by the density (importance
+sampling: Cornuet, Marin, Mira and Robert, Scandinavian Journal of Statistics 39, 2012); walkers
+start at some of them.  Where it is followed badly, one of several parts is fitted to the chains.
 
 emcee's own `DESnookerMove` is not used: in version 3.1.6 it does not leave the density as it is
 (the standard deviation of a standard normal one comes out at 0.8 in nine dimensions).
@@ -17,57 +17,53 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from pilotid.estimate.quantities import TAILS, Draws, Quantity, sampled
-from pilotid.model.model import PilotModel
+from pilotid.estimate.quantities import Draws
 from pilotid.posterior.likelihood import Posterior
 from pilotid.support.types import FloatArray
 
 #: Maps points (sets, dimensions) to log-densities (sets,), -inf outside the bounds.
 LogDensity = Callable[[FloatArray], FloatArray]
 
-FREEDOM = 10.0  # of the Student-t distribution: tails heavier than a likelihood's
-WIDE, DEFENCE = 4.0, 0.05  # scale of a second copy over that of the first, and its share
-NARROW = 0.5  # scale where draws know no better, over the covariance that is given
+FREEDOM = 10.0  # of the Student-t distributions: tails heavier than a likelihood's
+WIDE, DEFENCE = 4.0, 0.05  # scale of a second copy of each over that of the first, and its share
+NARROW = 0.5  # scale of a part where it knows no better, over that of all draws
 ITERATIONS = 8  # of expectation and maximisation
-SCOUTS, STAGES = 200, 8  # draws of each proposal by importance, and proposals at the most
-ENOUGH = 20.0  # effective draws by dimension that end the search for a proposal
-REFITS = 3  # how often a distribution is fitted to the chains, at the most
-GROWTH = 1.5  # of the steps before the next look, where another one is fitted
-SLOW = 6.0  # autocorrelation time [steps] from which on another one is worth its time
+EMPTY = 1e-12  # weight of the draws of a part that has none
+SCOUTS, STAGES = 400, 8  # draws of each proposal, and proposals at the most
+#: Effective draws by dimension that end the search for a proposal, and that one is fitted to:
+#: weights that leave fewer, because few points have them all, are flattened.
+ENOUGH = 20.0
+PARTS, REFITS = 5, 3  # of mixtures fitted to chains, and how often one is, at the most
+SLOW = 6.0  # autocorrelation time [steps] from which on another mixture is worth its time
 
 ENSEMBLES, WALKERS = 2, 24  # independent ensembles, and walkers of each at least
 INDEPENDENT = 0.9  # share of the moves that do not depend on the walkers
 JUMPS = 0.1  # share of the differential moves that go from one mode to another
-FIRST = 36  # steps before the first look at the run
+FIRST = 44  # steps before the first look at the run
 SETTLED = 2.0  # autocorrelation times that are thrown away at the start
 LONG = 5.0  # autocorrelation times that a run has at least: a shorter one does not know them
 WINDOW = 5.0  # autocorrelation times over which correlations are summed (Sokal 1997)
 
 
 class StudentT:
-    """A multivariate Student-t distribution with a wider copy, which finds what it misses.
+    """A multivariate Student-t distribution.
 
     Parameters
     ----------
-    centre, scale
-        Its centre, shape (dimensions,), and scale matrix, which is positive definite.
+    centre
+        Shape (dimensions,).
+    scale
+        Its scale matrix, positive definite.
     """
 
     def __init__(self, centre: FloatArray, scale: FloatArray) -> None:
-        self.centre, self._root = centre, np.linalg.cholesky(scale)
-        self._inverse = np.linalg.inv(self._root)
-
-    def draw(self, rng: np.random.Generator | np.random.RandomState, count: int) -> FloatArray:
-        """Random points, shape (count, dimensions)."""
-        normal = rng.standard_normal((count, self.centre.size))
-        normal *= np.sqrt(FREEDOM / rng.chisquare(FREEDOM, (count, 1)))
-        normal[rng.uniform(size=count) < DEFENCE] *= math.sqrt(WIDE)
-        return self.centre + normal @ self._root.T
+        self.centre, self.scale = centre, scale
+        self.root = np.linalg.cholesky(scale)
+        self._inverse = np.linalg.inv(self.root)
+        self._volume = float(np.sum(np.log(np.diag(self.root))))
 
     def distances(self, points: FloatArray) -> FloatArray:
         """Squared distances from the centre in units of the scale, shape (points,)."""
@@ -75,60 +71,112 @@ class StudentT:
 
     def log_density(self, points: FloatArray) -> FloatArray:
         """Up to a constant that depends on the dimensions alone, shape (points,)."""
-        squares, dimensions = self.distances(points) / FREEDOM, self.centre.size
-        power = -0.5 * (FREEDOM + dimensions)
-        narrow = math.log(1.0 - DEFENCE) + power * np.log1p(squares)
-        wide = math.log(DEFENCE / WIDE ** (0.5 * dimensions)) + power * np.log1p(squares / WIDE)
-        return np.asarray(np.logaddexp(narrow, wide) + np.sum(np.log(np.diag(self._inverse))))
+        power = -0.5 * (FREEDOM + self.centre.size)
+        return np.asarray(power * np.log1p(self.distances(points) / FREEDOM) - self._volume)
 
 
-def fitted(points: FloatArray, weights: FloatArray, covariance: FloatArray) -> StudentT:
-    """A distribution that follows weighted draws, by expectation and maximisation.
+class Mixture:
+    """A mixture of Student-t distributions.
+
+    Parameters
+    ----------
+    shares
+        They sum to 1, shape (parts,).
+    parts
+        The distributions.
+    """
+
+    def __init__(self, shares: FloatArray, parts: list[StudentT]) -> None:
+        self.shares, self.parts = shares, parts
+
+    def draw(self, rng: np.random.Generator | np.random.RandomState, count: int) -> FloatArray:
+        """Random points, shape (count, dimensions)."""
+        normal = rng.standard_normal((count, self.parts[0].centre.size))
+        normal *= np.sqrt(FREEDOM / rng.chisquare(FREEDOM, (count, 1)))
+        chosen = rng.choice(len(self.parts), count, p=self.shares)
+        for i, part in enumerate(self.parts):
+            normal[chosen == i] = part.centre + normal[chosen == i] @ part.root.T
+        return normal
+
+    def by_part(self, points: FloatArray) -> FloatArray:
+        """Log-density of each part times its share, shape (parts, points)."""
+        logs = [part.log_density(points) for part in self.parts]
+        return np.array(logs) + np.log(self.shares)[:, None]
+
+    def log_density(self, points: FloatArray) -> FloatArray:
+        """Up to a constant, the same as for one Student-t distribution, shape (points,)."""
+        return np.asarray(np.logaddexp.reduce(self.by_part(points), axis=0))
+
+    @property
+    def defended(self) -> Mixture:
+        """The same with a wider copy of each part, which finds what the narrow ones miss."""
+        wide = [StudentT(part.centre, WIDE * part.scale) for part in self.parts]
+        shares = np.append((1.0 - DEFENCE) * self.shares, DEFENCE * self.shares)
+        return Mixture(shares / shares.sum(), self.parts + wide)
+
+
+def fitted(
+    points: FloatArray,
+    weights: FloatArray,
+    covariance: FloatArray,
+    parts: int,
+    rng: np.random.Generator,
+) -> Mixture:
+    """A mixture that follows weighted draws.
 
     Parameters
     ----------
     points, weights
         The draws, shape (draws, dimensions), and their weights, which sum to 1.
     covariance
-        About that of the draws, towards which it is drawn where few of them support it.
+        About that of the draws; parts that few of them support are drawn towards it.
+    parts
+        How many, without their wide copies.
+    rng
+        Chooses where parts start.
     """
-    dimensions = points.shape[1]
+    dimensions, least = points.shape[1], NARROW * covariance
     # As much as so many effective draws weigh as there are dimensions.
     doubt = min(1.0, dimensions * float(np.sum(weights**2)))
-    follows = StudentT(weights @ points, covariance)
+    starts = points[rng.choice(len(points), parts, p=weights)]
+    mixture = Mixture(np.full(parts, 1.0 / parts), [StudentT(start, least) for start in starts])
     for _ in range(ITERATIONS):
-        pull = weights * (FREEDOM + dimensions) / (FREEDOM + follows.distances(points))
-        centre = pull @ points / pull.sum()
-        offset = points - centre
-        scale = (offset.T * pull) @ offset + doubt * NARROW * covariance
-        follows = StudentT(centre, scale / (1.0 + doubt))
-    return follows
+        logs = mixture.by_part(points)
+        own = np.exp(logs - np.logaddexp.reduce(logs, axis=0)) * weights
+        moved = []
+        for part, share in zip(mixture.parts, own, strict=True):
+            pull = share * (FREEDOM + dimensions) / (FREEDOM + part.distances(points))
+            # A part that no draw supports stays where it is.
+            centre = pull @ points / pull.sum() if pull.sum() > EMPTY else part.centre
+            offset = points - centre
+            scale = (offset.T * pull) @ offset + doubt * least
+            moved.append(StudentT(centre, scale / (share.sum() + doubt)))
+        mixture = Mixture((own.sum(axis=1) + doubt / parts) / (1.0 + doubt), moved)
+    return mixture.defended
 
 
 def explored(
-    log_density: LogDensity,
-    centre: FloatArray,
-    covariance: FloatArray,
-    rng: np.random.Generator,
-) -> tuple[StudentT, FloatArray, FloatArray] | None:
-    """A distribution that follows a density, and the weighted draws that it was fitted to.
+    log_density: LogDensity, centre: FloatArray, covariance: FloatArray, rng: np.random.Generator
+) -> tuple[Mixture, FloatArray, FloatArray] | None:
+    """A proposal that follows a density, and draws with weights that sum to 1.
 
     Parameters
     ----------
     log_density
-        The density.
+        The target, up to a constant.
     centre, covariance
-        Its mode and the covariance there, about.
+        What is known of it: its mode and the covariance there.
     rng
         Draws.
 
     Returns
     -------
-    Distribution, draws (draws, dimensions) and weights (draws,); None where the density is zero all
+    Mixture, draws (draws, dimensions) and weights (draws,); None where the density is zero all
     around the centre.
     """
-    proposals = [StudentT(centre, covariance)]
+    proposals = [Mixture(np.ones(1), [StudentT(centre, covariance)]).defended]
     points, target = np.zeros((0, centre.size)), np.zeros(0)
+    enough = ENOUGH * centre.size
     for _ in range(STAGES):
         more = proposals[-1].draw(rng, SCOUTS)
         points, target = np.concatenate([points, more]), np.append(target, log_density(more))
@@ -136,14 +184,22 @@ def explored(
         logs = target - np.logaddexp.reduce([p.log_density(points) for p in proposals], axis=0)
         if not np.isfinite(logs).any():
             return None
-        weights = np.exp(logs - np.max(logs))
-        found = np.sum(weights) ** 2 / np.sum(weights**2)
-        weights = np.minimum(weights, np.mean(weights) * math.sqrt(weights.size))
-        weights /= weights.sum()
-        proposals.append(fitted(points, weights, covariance))
-        if found >= ENOUGH * centre.size:
+        weights, power = _weights(logs), 1.0
+        found = effective = 1.0 / np.sum(weights**2)
+        while effective < enough and power > 1e-3:
+            power *= 0.7
+            weights = _weights(power * logs)
+            effective = 1.0 / np.sum(weights**2)
+        proposals.append(fitted(points, weights, covariance, 1, rng))
+        if found >= enough:
             break
     return proposals[-1], points, weights
+
+
+def _weights(logs: FloatArray) -> FloatArray:
+    """Weights that sum to 1 by their logarithms."""
+    weights = np.exp(logs - np.max(logs))
+    return np.asarray(weights / weights.sum())
 
 
 def sample(
@@ -153,6 +209,7 @@ def sample(
     rng: np.random.Generator,
     effective: float,
     most: int,
+    watch: Callable[[float], None] | None = None,
 ) -> Draws | None:
     """Draws by independent ensembles, until they are long enough and agree.
 
@@ -168,6 +225,8 @@ def sample(
         Effective number of draws that every parameter must have.
     most
         Steps of each ensemble at the most.
+    watch
+        Is told, from time to time, the share of the run that is done.
 
     Returns
     -------
@@ -202,10 +261,13 @@ def sample(
         runs.append((sampler, emcee.State(start, random_state=seed)))
     done, target, refits = 0, min(FIRST, most), 0
     while True:
-        # emcee would refuse walkers that start close to a line; differential evolution copes with
-        # the narrow valleys that pilots have.
-        more = {"nsteps": target - done, "skip_initial_state_check": True}
-        runs = [(sampler, sampler.run_mcmc(state, **more)) for sampler, state in runs]
+        for i, (sampler, state) in enumerate(runs):
+            if watch:
+                watch((done + i * (target - done) / ENSEMBLES) / target)
+            # emcee would refuse walkers that start close to a line; differential evolution
+            # copes with the narrow valleys that pilots have.
+            end = sampler.run_mcmc(state, target - done, skip_initial_state_check=True)
+            runs[i] = (sampler, end)
         done = target
         draws = _drawn(posterior, [sampler for sampler, _ in runs], effective)
         if draws.converged or done >= most:
@@ -214,24 +276,24 @@ def sample(
         if refits < REFITS and times > SLOW:
             chains = np.concatenate([sampler.get_chain(flat=True) for sampler, _ in runs])
             every = np.full(len(chains), 1.0 / len(chains))
-            proposal = fitted(chains, every, np.atleast_2d(np.cov(chains.T)))
+            proposal = fitted(chains, every, np.cov(chains.T), PARTS, rng)
             for sampler, _ in runs:
                 sampler.reset()
-            refits += 1
-            done, target = 0, min(most, round(FIRST * GROWTH**refits))
-        else:  # a short run underestimates its autocorrelation time
-            kept = max(LONG, effective / (ENSEMBLES * count)) * times
-            target = min(most, max(done + FIRST // 4, math.ceil(1.15 * kept + SETTLED * times)))
+            done, target, refits = 0, min(FIRST * 2 ** (refits + 1), most), refits + 1
+            continue
+        # A short run underestimates its autocorrelation time.
+        kept = max(LONG, effective / (ENSEMBLES * count)) * times
+        target = min(most, max(done + FIRST // 2, math.ceil(1.15 * kept + SETTLED * times)))
 
 
-def _drawn(posterior: Posterior, samplers: list[Any], effective: float) -> Draws:
+def _drawn(posterior: Posterior, samplers: list, effective: float) -> Draws:  # type: ignore[type-arg]
     """What ensembles gave, without the start."""
     points = np.array([sampler.get_chain() for sampler in samplers])
+    log_density = np.array([sampler.get_log_prob() for sampler in samplers])
     steps = points.shape[1]
     longest = float(np.max(autocorrelation_times(points[:, steps // 4 :])))
     settled = min(steps // 2, math.ceil(SETTLED * longest))
-    points = points[:, settled:]
-    log_density = np.array([sampler.get_log_prob(discard=settled) for sampler in samplers])
+    points, log_density = points[:, settled:], log_density[:, settled:]
     times, ratio = autocorrelation_times(points), r_hat(points)
     shape, longest = points.shape[:3], float(np.max(times))
     least = math.prod(shape) / longest
@@ -268,13 +330,14 @@ def autocorrelation_times(chains: FloatArray) -> FloatArray:
     spectrum = np.fft.rfft(offset, n=length, axis=1)
     power = np.mean(spectrum.real**2 + spectrum.imag**2, axis=(0, 2))
     products = np.fft.irfft(power, n=length, axis=0)[:steps]
-    products /= np.arange(steps, 0, -1)[:, None] / steps
-    products /= np.maximum(products[0], 1e-300)
-    sums = 2.0 * np.cumsum(products, axis=0) - 1.0
-    within = np.arange(steps)[:, None] >= WINDOW * sums
-    within[-1] = True
-    first = np.argmax(within, axis=0)
-    return np.asarray(np.maximum(1.0, sums[first, np.arange(first.size)]))
+    products /= np.arange(steps, 0, -1)[:, None]
+    times = np.ones(chains.shape[-1])
+    for i, own in enumerate(products.T):
+        if own[0] > 0.0:
+            sums = 2.0 * np.cumsum(own / own[0]) - 1.0
+            within = np.arange(steps) >= WINDOW * sums
+            times[i] = max(1.0, sums[int(np.argmax(within)) if within.any() else -1])
+    return times
 
 
 def r_hat(chains: FloatArray) -> FloatArray:
@@ -302,86 +365,3 @@ def r_hat(chains: FloatArray) -> FloatArray:
         between = np.var(np.mean(scores, axis=1), axis=0, ddof=1)
         ratios.append(np.sqrt((draws - 1.0) / draws + between / within))
     return np.asarray(np.maximum(*ratios))
-
-
-# -------------------------------------------------------------- what follows from draws
-
-SIMULATED = 400  # recordings
-SETTLE = 400  # samples in which the simulated remnant forgets where it started
-
-
-@dataclass(frozen=True, eq=False)
-class PredictiveBand:
-    """95 % bands of the control of every run, in the analysis band.
-
-    Attributes
-    ----------
-    time
-        From the first scored sample [s], shape (samples,).
-    control
-        What was recorded, shape (runs, samples).
-    model
-        Band of the model's answer to the recorded inputs, which is as wide as the parameters
-        are unknown, shape (2, runs, samples).
-    with_remnant
-        The same with a remnant of the spectrum and power that each draw has, in which 95 %
-        of the recorded samples should lie, shape (2, runs, samples).
-    """
-
-    time: FloatArray
-    control: FloatArray
-    model: FloatArray
-    with_remnant: FloatArray
-
-    @property
-    def inside(self) -> float:
-        """Share of the recorded samples inside the band with remnant."""
-        low, high = self.with_remnant
-        return float(np.mean((low <= self.control) & (self.control <= high)))
-
-
-def predictive_band(draws: Draws, posterior: Posterior, rng: np.random.Generator) -> PredictiveBand:
-    """The band from equally weighted draws.
-
-    Parameters
-    ----------
-    draws, posterior
-        The draws, and the posterior that they come from.
-    rng
-        Draws the remnants.
-    """
-    from scipy.signal import lfilter
-
-    joint = posterior.joint
-    prediction, control = joint.prediction, joint.prediction.control
-    answers, noisy = np.empty((2, SIMULATED, *control.shape))
-    for i, own in enumerate(draws.thinned(SIMULATED)[:, None]):
-        values = np.hstack([own, posterior.coefficients(own)]) if posterior.integrated else own
-        pilot, remnant = np.split(values, [joint.pilot_count], axis=1)
-        (taps,) = joint.noise.filters(remnant, joint.band)
-        power = float(posterior.sums_of_squares(values)[0]) / rng.chisquare(joint.residuals)
-        noise = rng.normal(0.0, power**0.5, (len(control), SETTLE + control.shape[1]))
-        answers[i] = control - prediction.errors(pilot[0])
-        noisy[i] = answers[i] + lfilter([1.0], taps, noise, axis=1)[:, SETTLE:]
-    return PredictiveBand(
-        prediction.time - prediction.time[0],
-        control,
-        np.quantile(answers, TAILS, axis=0),
-        np.quantile(noisy, TAILS, axis=0),
-    )
-
-
-def sampled_parameters(draws: Draws, model: PilotModel) -> list[Quantity]:
-    """The sampled parameters, the remnant's last."""
-    units = {p.key: p.unit for p in model.parameters} | {"frequency": "rad/s"}
-    return [
-        sampled(
-            key,
-            units.get(key, ""),
-            draws.values[:, i],
-            effective=float(draws.effective[i]),
-            r_hat=float(draws.r_hat[i]),
-            positive=bool(draws.positive[i]),
-        )
-        for i, key in enumerate(draws.keys)
-    ]

@@ -12,7 +12,7 @@ from pilotid.estimate.method import Fitted
 from pilotid.estimate.quantities import UNDETERMINED, Draws, Quantity
 from pilotid.model.element import ControlledElement
 from pilotid.plots.plots import corner, predictive_band
-from pilotid.posterior.sampling import PredictiveBand
+from pilotid.posterior.predictive import PredictiveBand
 from pilotid.report.fit import figures_of, words_of
 from pilotid.report.page import Figure, render, save_figures
 from pilotid.support.disk import strict_json, table_bytes, write_file
