@@ -15,7 +15,7 @@ from pilotid.methods.sindy import SINDy
 from pilotid.model.catalogue import SINGLE
 from pilotid.model.element import position_control
 from pilotid.second_step import (
-    FARTHEST,
+    MAX_MOVE,
     against_recording,
     moved,
     output_at_once,
@@ -65,7 +65,7 @@ def test_prediction_errors_move_any_start_to_the_same_place() -> None:
 def test_an_estimate_far_from_what_the_recording_says_is_refused() -> None:
     end = end_from(SINGLE_LOOP.values)
     errors = SHARES * end
-    far = end + np.array([0.0, 0.0, 2.0 * FARTHEST, 0.0, 0.0]) * errors
+    far = end + np.array([0.0, 0.0, 2.0 * MAX_MOVE, 0.0, 0.0]) * errors
     refused = held_against(estimate(far, errors))
     assert refused.outcome is Outcome.CONTRADICTED
     assert not refused.outcome.usable
