@@ -13,7 +13,7 @@ import numpy as np
 from pilotid.estimate.loops import COUNT
 from pilotid.estimate.method import Fitted
 from pilotid.estimate.quantities import UNDETERMINED, Draws, Quantity, sampled
-from pilotid.likelihood.estimates import simulated_vaf
+from pilotid.likelihood.estimates import VAF_BAND, simulated_vaf
 from pilotid.likelihood.prediction import predict
 from pilotid.plots.plots import corner
 from pilotid.report.fit import figures_of, tables_of, words_of
@@ -82,7 +82,7 @@ def quantities_of(fit: Fitted) -> list[Quantity]:
         )
         for i, key in enumerate(draws.keys)
     ]
-    prediction = predict(recording, model)
+    prediction = predict(recording, model, VAF_BAND)
     some = draws.thinned(COUNT)[:, : len(model.parameters)]
     vafs = [simulated_vaf(recording, model, values, prediction) for values in some]
     margins = [
