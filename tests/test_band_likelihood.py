@@ -17,6 +17,7 @@ from pilotid.estimate.method import identify
 from pilotid.likelihood import band_likelihood
 from pilotid.likelihood.band_likelihood import (
     OUTSIDE_WEIGHT,
+    BandTerms,
     Weighting,
     closing_element,
     weighting_of,
@@ -342,4 +343,4 @@ def test_unstable_poles_slower_than_the_window_tells_are_integrators(
     omega = np.linspace(0.05, 40.0, 500)
     every = np.ones_like(omega)
     weighting = Weighting(omega, every, every, element_named(element), 0.0, hidden=False)
-    assert weighting.band_terms(0.02, 4096, 1, (0.0,)).unstable == unstable
+    assert BandTerms(weighting, 0.02, 4096, 1, (0.0,)).unstable == unstable

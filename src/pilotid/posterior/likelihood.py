@@ -68,10 +68,6 @@ class LogNormal:
         constant = math.log(self.spread * math.sqrt(2.0 * math.pi))
         return np.asarray(-0.5 * offset * offset - np.log(x) - constant)
 
-    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Random values, shape (count,)."""
-        return self.median * np.exp(self.spread * rng.standard_normal(count))
-
 
 @dataclass(frozen=True)
 class Normal:
@@ -91,10 +87,6 @@ class Normal:
         constant = math.log(self.spread * math.sqrt(2.0 * math.pi))
         return np.asarray(-0.5 * offset * offset - constant)
 
-    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Random values, shape (count,)."""
-        return self.mean + self.spread * rng.standard_normal(count)
-
 
 @dataclass(frozen=True)
 class HalfCauchy:
@@ -111,14 +103,6 @@ class HalfCauchy:
     def logpdf(self, x: FloatArray) -> FloatArray:
         constant = math.log(2.0 / (math.pi * self.scale))
         return np.asarray(constant - np.log1p((x / self.scale) ** 2))
-
-    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Random values, shape (count,)."""
-        return np.asarray(self.scale * np.tan(0.5 * np.pi * rng.uniform(size=count)))
-
-
-#: Priors that replace the defaults, by the key of their parameter.
-Replacements = Sequence[tuple[str, Prior]]
 
 
 def default_prior(parameter: Parameter, times: float = 1.0) -> Prior:
@@ -142,7 +126,10 @@ REMNANT: dict[str, Prior] = {
 
 
 def priors_of(
-    model: PilotModel, noise: NoiseModel, replaced: Replacements = (), times: float = 1.0
+    model: PilotModel,
+    noise: NoiseModel,
+    replaced: Sequence[tuple[str, Prior]] = (),
+    times: float = 1.0,
 ) -> tuple[Prior, ...]:
     """The priors of a model's parameters and, after them, of the remnant's where they are sampled.
 
@@ -154,7 +141,7 @@ def priors_of(
         The remnant's model; autoregressive coefficients have none, see
         `pilotid.posterior.likelihood`.
     replaced
-        Priors in the place of the defaults.
+        Priors in the place of the defaults, each with the key of its parameter.
     times
         How much wider those of the pilot are than the defaults.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,48 +12,26 @@ import numpy as np
 
 from pilotid.estimate.loops import COUNT
 from pilotid.estimate.method import Fitted
-from pilotid.estimate.quantities import UNDETERMINED, Draws, Quantity, sampled
+from pilotid.estimate.quantities import Draws, Quantity, sampled
 from pilotid.likelihood.estimates import VAF_BAND, simulated_vaf
 from pilotid.likelihood.prediction import predict
 from pilotid.plots.plots import corner
 from pilotid.report.fit import figures_of, tables_of, words_of
 from pilotid.report.page import Figure, render, save_figures
 from pilotid.support.disk import strict_json, table_bytes, write_file
-from pilotid.support.format import Line, Table, make_console, show, table, to_error
+from pilotid.support.format import Line, Table, make_console, show, table
 
 CSV_COLUMNS = (
     *("quantity", "unit", "mean", "std", "equal_tailed_lower", "equal_tailed_upper"),
     *("highest_density_lower", "highest_density_upper", "effective_size", "r_hat"),
 )
-#: R-hat up to which ensembles agree (Vehtari et al. 2021), and independent draws that an interval
-#: needs for its ends to be known.
-AGREE, ENOUGH = 1.01, 400.0
 
 
 def quantity_table(quantities: Sequence[Quantity]) -> Table:
     """A row for each quantity."""
-
-    def ends(low: float, high: float, error: float) -> str:
-        return f"{to_error(low, error, 9)} .. {to_error(high, error, 9)}"
-
-    def mean(value: float, error: float, determined: bool) -> str:
-        known = f"{to_error(value, error, 9)} ± {to_error(error, error, 9)}"
-        return known if determined else UNDETERMINED
-
-    rows = [
-        (
-            *(s.key, s.unit, (s.value, s.std_error, s.determined)),
-            *((s.lower, s.upper, s.std_error), s.effective, s.r_hat),
-        )
-        for s in quantities
-    ]
-    forms: dict[str, Callable[..., str]] = {
-        "mean": mean,
-        "95 % interval": ends,
-        "effective": "{:.0f}".format,
-        "R-hat": "{:.4f}".format,
-    }
-    return table(rows, "", ("quantity", "unit", *forms), forms)
+    forms = {"effective": "{:.0f}".format, "R-hat": "{:.4f}".format}
+    rows = [(s.key, s.unit, *s.shown(), s.effective, s.r_hat) for s in quantities]
+    return table(rows, "", ("quantity", "unit", "mean", "95 % interval", *forms), forms)
 
 
 def quantities_of(fit: Fitted) -> list[Quantity]:
@@ -179,24 +157,15 @@ def draws_bytes(draws: Draws) -> bytes:
 
 
 def convergence_words(draws: Draws) -> list[str]:
-    """Whether the chains have converged, and what the draws are worth: a sentence each."""
+    """What says whether the chains have converged, and what the draws are worth: sentences."""
     ensembles, steps, walkers = draws.chains
     least, most = int(np.argmin(draws.effective)), int(np.argmax(draws.r_hat))
-    effective, r_hat = float(draws.effective[least]), float(draws.r_hat[most])
-    agree = (
-        f"at most {AGREE:g}: the ensembles agree"
-        if r_hat <= AGREE
-        else f"above {AGREE:g}: the ensembles do not agree, and nothing here is to be used"
-    )
-    enough = (
-        "enough for the ends of 95 % intervals"
-        if effective >= ENOUGH
-        else f"fewer than the {ENOUGH:g} that the ends of 95 % intervals need"
-    )
     return [
         f"{ensembles} ensembles of {walkers} walkers ran with a start of their own each; {steps} "
         f"steps were kept, {100.0 * draws.acceptance:.0f} % of the proposals accepted.",
-        f"R-hat across ensembles is largest for {draws.keys[most]}, {r_hat:.4f}, {agree}.",
+        f"R-hat across ensembles is largest for {draws.keys[most]}, {draws.r_hat[most]:.4f}; up to "
+        "1.01 the ensembles agree.",
         f"The autocorrelation time is at most {np.max(draws.autocorrelation):.1f} steps; the draws "
-        f"are worth at least {effective:.0f} independent ones ({draws.keys[least]}), {enough}.",
+        f"are worth at least {draws.effective[least]:.0f} independent ones ({draws.keys[least]}), "
+        "of which the ends of 95 % intervals need 400.",
     ]
