@@ -90,10 +90,6 @@ class Bayes(LikelihoodSettings):
         """``bayes``, or ``bayes-white`` for a white likelihood."""
         return "bayes" if self.likelihood == "remnant" else "bayes-white"
 
-    def objection(self, recording: Recording, model: PilotModel) -> str | None:
-        """None: any recording and any model will do."""
-        return None
-
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Sample the posterior.
 
@@ -108,11 +104,11 @@ class Bayes(LikelihoodSettings):
         """
         white = self.likelihood == "white"
         settings = replace(self, noise=LowPass(0), loop=False) if white else self
-        found = maximise_likelihood(recording, model, rng, settings)
-        joint = found.joint
+        optimum = maximise_likelihood(recording, model, rng, settings)
+        joint = optimum.joint
         priors = priors_of(model, joint.noise, self.priors, self.prior)
-        posterior = Posterior(joint, priors, 1.0 if white else found.variance_factor)
-        start = posterior.approximation(found)
+        posterior = Posterior(joint, priors, 1.0 if white else optimum.variance_factor)
+        start = posterior.approximation(optimum)
         draws = sample(posterior, *start, rng, self.effective, self.most)
         if draws is None:
             why = "the posterior density is zero around the best fit"
@@ -132,17 +128,17 @@ class Bayes(LikelihoodSettings):
             values,
             draws.covariance[:pilot, :pilot],
             converged=draws.converged,
-            optimum=found.end.values[0, :pilot],
+            optimum=optimum.end.values[0, :pilot],
         )
         words = (estimate.message, "" if draws.converged else message)
         estimate = replace(
             estimate,
             intervals=intervals[:pilot],
             message="; ".join(part for part in words if part),
-            iterations=found.iterations,
-            starts=found.starts,
-            band=found.band_of(recording),
-            remnant=found.remnant,
+            iterations=optimum.iterations,
+            starts=optimum.starts,
+            band=optimum.band_of(recording),
+            remnant=optimum.remnant,
             draws=draws,
             remarks=too_short(Likelihood(joint.prediction), values) if white else (),
         )

@@ -15,7 +15,7 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from pilotid.likelihood.band_likelihood import BandTerms, Weighting, group_begins, weighting_of
+from pilotid.likelihood.band_likelihood import BandTerms, Weighting, group_begins
 from pilotid.likelihood.prepare import (
     FAR,
     REACH,
@@ -628,20 +628,3 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         fine=fine,
         weighting=None,
     )
-
-
-def weighted(
-    prediction: Prediction, recording: Recording, others: tuple[str, ...] = ()
-) -> Prediction:
-    """A prediction of a recording for the likelihood of its band, where that is to be had.
-
-    Parameters
-    ----------
-    prediction, recording
-        The prediction, and what it was prepared of.
-    others
-        Signals whose floors weigh the frequencies besides those of the model's own inputs.
-    """
-    control, dt = prediction.control, prediction.dt
-    weighting = weighting_of(recording, prediction.model, control, dt, others)
-    return replace(prediction, weighting=weighting)

@@ -173,13 +173,13 @@ def explored(
         if not np.isfinite(logs).any():
             return None
         weights, power = _weights(logs), 1.0
-        found = effective = 1.0 / np.sum(weights**2)
+        unflattened = effective = 1.0 / np.sum(weights**2)
         while effective < enough and power > 1e-3:
             power *= 0.7
             weights = _weights(power * logs)
             effective = 1.0 / np.sum(weights**2)
         proposals.append(fitted(points, weights, covariance, 1, rng))
-        if found >= enough:
+        if unflattened >= enough:
             break
     return proposals[-1], points, weights
 
@@ -219,10 +219,10 @@ def sample(
     """
     import emcee
 
-    found = explored(posterior.log_density, centre, covariance, rng)
-    if found is None:
+    first = explored(posterior.log_density, centre, covariance, rng)
+    if first is None:
         return None
-    proposal, points, weights = found
+    proposal, points, weights = first
 
     def independent(
         walkers: FloatArray, rng: np.random.RandomState
@@ -315,9 +315,9 @@ def autocorrelation_times(chains: FloatArray) -> FloatArray:
     products = np.fft.irfft(power, n=length, axis=0)[:steps]
     products /= np.arange(steps, 0, -1)[:, None]
     times = np.ones(chains.shape[-1])
-    for i, own in enumerate(products.T):
-        if own[0] > 0.0:
-            sums = 2.0 * np.cumsum(own / own[0]) - 1.0
+    for i, covariances in enumerate(products.T):
+        if covariances[0] > 0.0:
+            sums = 2.0 * np.cumsum(covariances / covariances[0]) - 1.0
             within = np.arange(steps) >= WINDOW * sums
             times[i] = max(1.0, sums[int(np.argmax(within)) if within.any() else -1])
     return times
@@ -341,8 +341,8 @@ def r_hat(chains: FloatArray) -> FloatArray:
     halves = np.concatenate([chains[:, :half], chains[:, half : 2 * half]])
     flat = halves.reshape(len(halves), -1, chains.shape[-1])
     draws, ratios = flat.shape[1], []
-    for own in (flat, np.abs(flat - np.median(flat, axis=(0, 1)))):
-        ranks = own.reshape(-1, flat.shape[-1]).argsort(axis=0).argsort(axis=0)
+    for measure in (flat, np.abs(flat - np.median(flat, axis=(0, 1)))):
+        ranks = measure.reshape(-1, flat.shape[-1]).argsort(axis=0).argsort(axis=0)
         scores = ndtri((ranks + 0.625) / (len(ranks) + 0.25)).reshape(flat.shape)
         within = np.mean(np.var(scores, axis=1, ddof=1), axis=0)
         between = np.var(np.mean(scores, axis=1), axis=0, ddof=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,9 +29,13 @@ CSV_COLUMNS = (
 
 def quantity_table(quantities: Sequence[Quantity]) -> Table:
     """A row for each quantity."""
-    forms = {"effective": "{:.0f}".format, "R-hat": "{:.4f}".format}
+    forms: dict[str, Callable[..., str]] = {
+        **dict.fromkeys(("mean", "95 % interval"), str),
+        "effective": "{:.0f}".format,
+        "R-hat": "{:.4f}".format,
+    }
     rows = [(s.key, s.unit, *s.shown(), s.effective, s.r_hat) for s in quantities]
-    return table(rows, "", ("quantity", "unit", "mean", "95 % interval", *forms), forms)
+    return table(rows, "", ("quantity", "unit", *forms), forms)
 
 
 def quantities_of(fit: Fitted) -> list[Quantity]:
