@@ -27,9 +27,8 @@ Bayesian Inference in Econometrics, 1971.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -41,7 +40,7 @@ from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.model import PilotModel
-from pilotid.posterior.likelihood import Marginal, Posterior, Prior, priors_of
+from pilotid.posterior.likelihood import Posterior, Prior, priors_of
 from pilotid.posterior.sampling import sample
 from pilotid.recording.recording import Recording
 
@@ -51,13 +50,6 @@ SUMMITS = (
     "without a target the posterior has several summits, and no sampler here finds them all "
     "reliably; record with a target and a disturbance, or fit one channel"
 )
-
-
-class Inference(NamedTuple):
-    """An estimate, whose draws are those of the posterior under a likelihood."""
-
-    estimate: Estimate
-    likelihood: Marginal
 
 
 @dataclass(frozen=True)
@@ -98,10 +90,6 @@ class Bayes(LikelihoodSettings):
         """``bayes``, or ``bayes-white`` for a white likelihood."""
         return "bayes" if self.likelihood == "remnant" else "bayes-white"
 
-    def objection(self, recording: Recording, model: PilotModel) -> str | None:
-        """None: any recording and any model will do."""
-        return None
-
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Sample the posterior.
 
@@ -114,35 +102,17 @@ class Bayes(LikelihoodSettings):
         rng
             Draws the other starts, and the posterior's draws.
         """
-        return self.infer(recording, model, rng).estimate
-
-    def infer(
-        self,
-        recording: Recording,
-        model: PilotModel,
-        rng: np.random.Generator,
-        watch: Callable[[float], None] | None = None,
-    ) -> Inference:
-        """As `fit`, and the likelihood too, which a posterior predictive band needs.
-
-        Parameters
-        ----------
-        recording, model, rng
-            As for `fit`.
-        watch
-            Is told the share of the run that is done.
-        """
         white = self.likelihood == "white"
         settings = replace(self, noise=LowPass(0), loop=False) if white else self
-        found = maximise_likelihood(recording, model, rng, settings)
-        joint = found.joint
-        likelihood = Marginal(joint, 1.0 if white else found.variance_factor)
-        posterior = Posterior(likelihood, priors_of(model, joint.noise, self.priors, self.prior))
-        start = posterior.approximation(found)
-        draws = sample(posterior, *start, rng, self.effective, self.most, watch)
+        optimum = maximise_likelihood(recording, model, rng, settings)
+        joint = optimum.joint
+        priors = priors_of(model, joint.noise, self.priors, self.prior)
+        posterior = Posterior(joint, priors, 1.0 if white else optimum.variance_factor)
+        start = posterior.approximation(optimum)
+        draws = sample(posterior, *start, rng, self.effective, self.most)
         if draws is None:
             why = "the posterior density is zero around the best fit"
-            return Inference(failed(self.name, model, Outcome.NOT_CONVERGED, why), likelihood)
+            return failed(self.name, model, Outcome.NOT_CONVERGED, why)
         message = (
             f"after {draws.chains[1]} steps the ensembles have {draws.effective.min():.0f} "
             f"effective draws, of {self.effective:.0f} wanted, and R-hat {draws.r_hat.max():.3f}"
@@ -158,21 +128,21 @@ class Bayes(LikelihoodSettings):
             values,
             draws.covariance[:pilot, :pilot],
             converged=draws.converged,
-            optimum=found.end.values[0, :pilot],
+            optimum=optimum.end.values[0, :pilot],
         )
         words = (estimate.message, "" if draws.converged else message)
         estimate = replace(
             estimate,
             intervals=intervals[:pilot],
             message="; ".join(part for part in words if part),
-            iterations=found.iterations,
-            starts=found.starts,
-            band=found.band_of(recording),
-            remnant=found.remnant,
+            iterations=optimum.iterations,
+            starts=optimum.starts,
+            band=optimum.band_of(recording),
+            remnant=optimum.remnant,
             draws=draws,
             remarks=too_short(Likelihood(joint.prediction), values) if white else (),
         )
         if estimate.outcome.usable and is_vague(estimate) and one_signal(recording, model):
             # Several summits, far apart: draws about one of them look as good as any others.
             estimate = replace(estimate, outcome=Outcome.NOT_CONVERGED, message=SUMMITS)
-        return Inference(estimate, likelihood)
+        return estimate

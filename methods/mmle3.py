@@ -30,7 +30,7 @@ from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.likelihood.estimates import make_estimate, too_short
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import predict
-from pilotid.likelihood.prepare import prepare
+from pilotid.likelihood.prepare import Prepared
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.covariance import covariance_of
@@ -160,7 +160,7 @@ class _Output:
     def __init__(self, settings: MMLE3, recording: Recording, model: PilotModel) -> None:
         from scipy.fft import next_fast_len
 
-        prepared = prepare(recording, model, unscored=0.0)
+        prepared = Prepared(recording, model, unscored=0.0)
         self._settings, self._model, self._dt = settings, model, prepared.dt
         self.control = prepared.control[:, prepared.first :]
         self._first = prepared.first

@@ -17,6 +17,7 @@ from pilotid.estimate.method import identify
 from pilotid.likelihood import band_likelihood
 from pilotid.likelihood.band_likelihood import (
     OUTSIDE_WEIGHT,
+    BandTerms,
     Weighting,
     closing_element,
     weighting_of,
@@ -35,7 +36,7 @@ from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS
 from pilotid.model.element import double_integrator, element_named
 from pilotid.model.loops import pilot_on
-from pilotid.posterior.likelihood import Marginal
+from pilotid.posterior.likelihood import Posterior
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
@@ -249,12 +250,12 @@ def test_samplers_have_the_same_likelihood(noise: NoiseModel) -> None:
     scenario, recording = recorded("nominal(runs=2)", noise=1e-3)
     prediction = banded(recording, scenario, (0.0,))
     joint = Likelihood(prediction, noise)
-    likelihood = Marginal(joint)
+    likelihood = Posterior(joint)
     centre = near_truth(joint, scenario)
     sets = centre * np.exp(0.01 * np.random.default_rng(1).standard_normal((12, centre.size)))
-    found = likelihood.log(sets[:, : likelihood.count])
+    found = likelihood.log_likelihood(sets[:, : likelihood.count])
     if noise.regressive:  # integrated out about the most likely coefficients, which have no slope
-        sets[:, 7:] = likelihood.coefficients(sets[:, :7])
+        sets[:, 7:] = likelihood.regressed(likelihood.lagged_products(sets[:, :7]))[0][:, 1:]
     products = joint.gram(sets)
     expected = -0.5 * joint.residuals * np.log(products[:, -1, -1])
     if noise.regressive:
@@ -342,4 +343,4 @@ def test_unstable_poles_slower_than_the_window_tells_are_integrators(
     omega = np.linspace(0.05, 40.0, 500)
     every = np.ones_like(omega)
     weighting = Weighting(omega, every, every, element_named(element), 0.0, hidden=False)
-    assert weighting.band_terms(0.02, 4096, 1, (0.0,)).unstable == unstable
+    assert BandTerms(weighting, 0.02, 4096, 1, (0.0,)).unstable == unstable

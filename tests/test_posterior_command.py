@@ -11,23 +11,17 @@ import pytest
 from helpers import SINGLE_LOOP, Run, strict
 
 from pilotid.datasets import simulate
+from pilotid.element_fit import chosen_element
+from pilotid.estimate.method import fit_all
 from pilotid.estimate.quantities import sampled
-from pilotid.likelihood.estimates import simulated_vaf
-from pilotid.likelihood.remnant_models import Autoregressive, LowPass
-from pilotid.methods.bayes import Bayes, Inference
+from pilotid.methods.bayes import Bayes
 from pilotid.model.catalogue import SINGLE
 from pilotid.model.element import double_integrator
 from pilotid.model.loops import margins
-from pilotid.posterior.likelihood import Marginal
-from pilotid.posterior.predictive import derived, predictive_band, vafs
 from pilotid.recording.files import save_recording
+from pilotid.report.posterior import quantities_of
 
 RECORDING = simulate(SINGLE_LOOP, np.random.default_rng(31))
-
-
-@pytest.fixture(scope="module")
-def inference() -> Inference:
-    return Bayes().infer(RECORDING, SINGLE, np.random.default_rng(1))
 
 
 @pytest.mark.long
@@ -48,15 +42,13 @@ def test_the_command_writes_draws_summary_and_figures(run: Run, tmp_path: Path) 
     assert float(rows["fnm"]["std"]) == pytest.approx(draws["fnm"].std())
     assert all(float(rows[key]["effective_size"]) >= 2000.0 for key in SINGLE.keys)
     assert strict((out / "estimate.json").read_text())["outcome"] == "converged"
-    for name in ("corner", "predictive"):
-        text = (out / f"{name}.svg").read_text(encoding="utf-8")
-        assert text.startswith("<svg")
-        assert len(text) > 10_000
-        assert (out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    text = (out / "corner.svg").read_text(encoding="utf-8")
+    assert text.startswith("<svg")
+    assert len(text) > 10_000
+    assert (out / "corner.pdf").read_bytes().startswith(b"%PDF")
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert page.count("<svg ") == page.count("<figcaption>") == 6
+    assert page.count("<svg ") == page.count("<figcaption>") == 5
     assert "the ensembles agree" in page
-    assert "posterior predictive band." in page
     assert ">disturbance phase margin<" in page
     assert not [path for path in out.iterdir() if path.name.endswith(".part")]
 
@@ -86,14 +78,11 @@ def test_wrong_use_ends_with_a_sentence(run: Run, arguments: list[str], sentence
     assert sentence in answer.err
 
 
-def test_derived_quantities_are_those_of_the_parameters(inference: Inference) -> None:
-    draws = inference.estimate.draws
-    assert draws is not None
-    some = draws.thinned(3)[:, :5]
-    expected = [simulated_vaf(RECORDING, SINGLE, own) for own in some]
-    np.testing.assert_allclose(vafs(RECORDING, SINGLE, some), expected, rtol=1e-9)
+def test_derived_quantities_are_those_of_the_parameters() -> None:
     element = double_integrator(4.0)
-    quantities = {s.key: s for s in derived(draws, SINGLE, RECORDING, element)}
+    fit = fit_all(RECORDING, SINGLE, {"bayes": Bayes()}, 1, chosen_element(RECORDING, element))
+    (estimate,) = fit.estimates
+    quantities = {s.key: s for s in quantities_of(fit)}
     target, disturbance = margins(SINGLE, SINGLE_LOOP.values, element)
     for key, truth in (
         ("Kvis*tlead", SINGLE_LOOP.truth[0] * SINGLE_LOOP.truth[1]),
@@ -105,26 +94,12 @@ def test_derived_quantities_are_those_of_the_parameters(inference: Inference) ->
         spread = quantities[key]
         assert abs(spread.value - truth) < 3.5 * spread.std_error, key
         assert spread.lower < spread.value < spread.upper
-    assert "target crossover" not in {s.key for s in derived(draws, SINGLE, RECORDING, None)}
+    assert abs(quantities["VAF"].value - estimate.vaf) < 2.0 * quantities["VAF"].std_error
+    without = {s.key for s in quantities_of(replace(fit, loop_element=None))}
+    assert "target crossover" not in without
 
 
 def test_a_quantity_of_equal_draws_has_no_spread() -> None:
     spread = sampled("x", "", np.full(10, 2.0))
     assert spread.value == pytest.approx(2.0)
     assert spread.std_error < 1e-9
-
-
-@pytest.mark.parametrize("noise", [LowPass(2), Autoregressive(4)], ids=lambda n: n.name)
-def test_the_predictive_band_holds_what_it_says(noise: LowPass | Autoregressive) -> None:
-    two = simulate(replace(SINGLE_LOOP, runs=2), np.random.default_rng(32))
-    found = Bayes(noise=noise).infer(two, SINGLE, np.random.default_rng(2))
-    assert isinstance(found.likelihood, Marginal)
-    draws = found.estimate.draws
-    assert draws is not None
-    band = predictive_band(draws, found.likelihood, np.random.default_rng(3))
-    assert band.control.shape[0] == 2
-    assert band.time.size == band.control.shape[1]
-    # Correlated samples: the remnant's 160 s are some hundred independent ones.
-    assert band.inside == pytest.approx(0.95, abs=0.04)
-    widths = np.diff(band.model, axis=0).mean(), np.diff(band.with_remnant, axis=0).mean()
-    assert widths[0] < 0.5 * widths[1]

@@ -20,7 +20,7 @@ from scipy.fft import next_fast_len
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import BESIDE, predict
-from pilotid.likelihood.prepare import decimation, fast_length, prepare
+from pilotid.likelihood.prepare import Prepared, decimation, fast_length
 from pilotid.likelihood.remnant_models import WHITE, Autoregressive, Whitener
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.factors import Canals
@@ -362,14 +362,14 @@ def test_decimation_keeps_the_band_below_half_the_new_sampling_rate(
 ) -> None:
     assert decimation(0.02, band) == factor
     recording = of_time()
-    assert prepare(recording, SINGLE, band).dt == pytest.approx(0.02 * factor)
+    assert Prepared(recording, SINGLE, band).dt == pytest.approx(0.02 * factor)
 
 
 @pytest.mark.parametrize(("model", "order"), [(RATE, 1), (MULTI, 2)], ids=["first", "second"])
 @pytest.mark.parametrize("degree", [0, 1, 2, 3, 5, 8])
 def test_differences_of_polynomials_are_exact(model: object, order: int, degree: int) -> None:
     polynomial = np.polynomial.Polynomial.basis(degree, domain=[0.0, 30.0], window=[-1.0, 1.0])
-    prepared = prepare(of_time(x=polynomial), model)  # type: ignore[arg-type]
+    prepared = Prepared(of_time(x=polynomial), model)  # type: ignore[arg-type]
     derivative = prepared.inputs[1][0]
     expected = polynomial.deriv(order)(prepared.time)
     np.testing.assert_allclose(derivative, expected, atol=1e-9)
@@ -380,7 +380,7 @@ def test_differences_of_polynomials_are_exact(model: object, order: int, degree:
 def test_differences_of_sines_are_exact_up_to_beyond_the_pilots_band(
     model: object, order: int, omega: float
 ) -> None:
-    prepared = prepare(of_time(x=lambda t: np.sin(omega * t)), model)  # type: ignore[arg-type]
+    prepared = Prepared(of_time(x=lambda t: np.sin(omega * t)), model)  # type: ignore[arg-type]
     derivative = prepared.inputs[1][0] / omega**order
     expected = np.cos(omega * prepared.time) if order == 1 else -np.sin(omega * prepared.time)
     # Rounding of the second difference grows as the sine slows down, to some 3e-7.
@@ -394,7 +394,7 @@ def test_differences_in_a_band_of_a_cubic_are_those_of_the_filtered_cubic(
     # A symmetric filter of unit gain leaves the second derivative of a cubic as it is,
     # and the first derivative but for a constant.
     cubic = np.polynomial.Polynomial([1.0, -2.0, 0.3, 0.05])
-    prepared = prepare(of_time(x=cubic), model, 26.0)  # type: ignore[arg-type]
+    prepared = Prepared(of_time(x=cubic), model, 26.0)  # type: ignore[arg-type]
     left = prepared.inputs[1][0] - cubic.deriv(order)(prepared.time)
     np.testing.assert_allclose(left - (order == 1) * left.mean(), 0.0, atol=1e-7)
     assert np.abs(left.mean()) < 0.01
@@ -402,7 +402,7 @@ def test_differences_in_a_band_of_a_cubic_are_those_of_the_filtered_cubic(
 
 def gain_at(omega: float, band: float) -> float:
     """Gain of the low-pass filter, which must not shift the phase."""
-    prepared = prepare(of_time(u=lambda t: np.cos(omega * t)), SINGLE, band)
+    prepared = Prepared(of_time(u=lambda t: np.cos(omega * t)), SINGLE, band)
     expected = np.cos(omega * prepared.time)
     gain = float(prepared.control[0] @ expected / (expected @ expected))
     np.testing.assert_allclose(prepared.control[0], gain * expected, atol=1e-10)
@@ -428,7 +428,7 @@ def test_low_pass_filter_is_6_db_down_at_half_the_decimated_rate_and_50_db_beyon
 
 def test_nothing_is_filtered_at_the_full_rate() -> None:
     recording = simulate(NOMINAL, np.random.default_rng(6))
-    prepared = prepare(recording, SINGLE)
+    prepared = Prepared(recording, SINGLE)
     np.testing.assert_array_equal(prepared.control, recording.u)
     np.testing.assert_array_equal(prepared.inputs[0], recording.e)
     np.testing.assert_array_equal(prepared.time, recording.time)
@@ -440,7 +440,7 @@ def test_nothing_is_filtered_at_the_full_rate() -> None:
 def test_scored_samples_begin_after_the_run_in_or_three_seconds(
     run_in: int, band: float | None
 ) -> None:
-    prepared = prepare(of_time(run_in=run_in, samples=2000), MULTI, band)
+    prepared = Prepared(of_time(run_in=run_in, samples=2000), MULTI, band)
     first = max(0.0, 3.0 - 0.02 * run_in)
     assert prepared.time[prepared.first] == pytest.approx(first, abs=1e-12)
     np.testing.assert_allclose(np.diff(prepared.time), prepared.dt, rtol=1e-9)
@@ -454,7 +454,7 @@ def test_scored_samples_begin_after_the_run_in_or_three_seconds(
 def test_inputs_and_control_are_prepared_alike_and_aligned(run_in: int, band: float | None) -> None:
     noise = np.random.default_rng(7).standard_normal((1, 2000))
     recording = Recording(dt=0.02, e=noise, u=noise, x=np.zeros((1, 2000)), run_in=run_in)
-    prepared = prepare(recording, MULTI, band)
+    prepared = Prepared(recording, MULTI, band)
     np.testing.assert_allclose(prepared.inputs[0], prepared.control, atol=1e-12)
     assert prepared.inputs[1].shape == prepared.control.shape
     assert np.std(prepared.control) > 0.1

@@ -46,10 +46,10 @@ DOCS = Path(__file__).parents[2] / "docs"
 def drawn(rng: np.random.Generator) -> Scenario:
     """A scenario from the prior whose closed loop is stable."""
     while True:
-        pilot = tuple(float(prior.draw(rng, 1)[0]) for prior in PILOT.values())
-        frequency, damping = (float(prior.draw(rng, 1)[0]) for prior in REMNANT.values())
+        values = [p.median * np.exp(p.spread * rng.standard_normal()) for p in PRIORS.values()]
+        *pilot, frequency, damping = map(float, values)
         remnant = replace(NOMINAL.remnant, frequency=frequency, damping=damping)
-        scenario = replace(NOMINAL, truth=pilot, remnant=remnant)
+        scenario = replace(NOMINAL, truth=tuple(pilot), remnant=remnant)
         if is_stable(scenario.model, scenario.values, scenario.element):
             return scenario
 

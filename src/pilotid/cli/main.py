@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import inspect
 import sys
-import time
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -35,7 +34,7 @@ from pilotid.support.disk import (
     write_file,
 )
 from pilotid.support.format import Line, make_console, show, show_warning, with_bar
-from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
+from pilotid.support.numbers import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.support.remarks import OF_STICK, codes_in
 from pilotid.support.types import InputError
 
@@ -278,10 +277,11 @@ def posterior(
     force: bool = False,
 ) -> None:
     """Sample the posterior of a pilot model's parameters with emcee."""
-    from pilotid.choice import select
+    from pilotid.methods.bayes import Bayes
+    from pilotid.report.posterior import print_posterior, quantities_of, write_posterior
 
     plant = element_named(element) if element else None
-    named = None if model == AUTO else model_named(model)
+    models = [] if model == AUTO else [model_named(model)]
     folders: dict[str, Path] = {}
     if out is not None and len(files) > 1 and not joint:
         folders = {path_shown(file): out / stem_of(file) for file in files}
@@ -290,68 +290,16 @@ def posterior(
     for folder in folders.values() or ([out] if out else []):
         require_folder(folder, FILES, read_with(files), force=force)
     recordings, refused = reading.all(files, joint=joint)
+    sampler = {"bayes": Bayes(effective=2000.0)}
     for number, recording in enumerate(recordings):
-        selection = None if named else select(recording, seed=seed)
-        words = selection.reason if selection else ""
-        show(make_console(), *[""] * (number > 0), *[words] * bool(words))
-        chosen = selection.model if selection else named
-        assert chosen is not None
+        with make_console(errors=True).status("sampling"):
+            (fitted,) = _fitted(recording, models, None, sampler, seed, plant)
+        quantities = quantities_of(fitted)
         place = folders.get(recording.source, out)
-        infer(recording, chosen, element=plant, seed=seed, folder=place)
+        written = write_posterior(place, fitted, quantities) if place and quantities else []
+        show(make_console(), *[""] * (number > 0))
+        print_posterior(fitted, quantities, written)
     options.raise_refused(refused)
-
-
-def infer(
-    recording: Recording,
-    model: PilotModel,
-    *,
-    element: ControlledElement | None,
-    seed: int,
-    folder: Path | None,
-) -> None:
-    """Sample a posterior with emcee, write draws, summary and figures, and print what it says."""
-    from pilotid.checks.checks import remarks
-    from pilotid.element_fit import chosen_element
-    from pilotid.estimate.applicability import made_for, motionless_input
-    from pilotid.estimate.estimate import Outcome, failed
-    from pilotid.estimate.method import Fitted, import_libraries
-    from pilotid.estimate.warnings import all_remarks
-    from pilotid.methods.bayes import Bayes
-    from pilotid.posterior.predictive import (
-        derived,
-        loop_notes,
-        predictive_band,
-        sampled_parameters,
-    )
-    from pilotid.report.posterior import print_posterior, write_posterior
-
-    method = Bayes(effective=2000.0)
-    rng = fit_rng(seed, method.name)
-    told = remarks(recording)
-    choice = chosen_element(recording, element)
-    model = made_for(choice.named_in(recording), model)
-    if objection := motionless_input(recording, model):
-        nothing = failed(method.name, model, Outcome.NOT_APPLICABLE, objection)
-        print_posterior(Fitted(recording, model, (nothing,), told))
-        return
-    import_libraries(method)
-    begin = time.perf_counter()
-    with make_console(errors=True).status("sampling"):
-        estimate, likelihood = method.infer(choice.named_in(recording), model, rng)
-    estimate = replace(estimate, seconds=time.perf_counter() - begin)
-    estimate = replace(estimate, remarks=all_remarks(estimate, recording))
-    fit, draws, plant = Fitted(recording, model, (estimate,), told), estimate.draws, choice.element
-    if draws is None:
-        print_posterior(fit)
-        return
-    quantities = sampled_parameters(draws, model) + derived(draws, model, recording, plant)
-    predictive = predictive_band(draws, likelihood, rng)
-    notes = [choice.words, *(loop_notes(draws, model, plant) if plant is not None else [])]
-    fit = replace(fit, remarks=(*fit.remarks, *choice.remarks))
-    if folder is not None:
-        written = write_posterior(folder, fit, quantities, predictive, plant, notes)
-        notes += [str(path) for path in written]
-    print_posterior(fit, quantities, predictive, notes)
 
 
 for command in (

@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -79,23 +78,30 @@ class Weighting:
         gain = np.abs(self.element.response(np.array([edge, 2.0 * edge])))
         return bool(gain[1] >= 0.7 * gain[0])  # 1 of a gain, .5 of an integrator
 
-    def band_terms(self, dt: float, scored: int, runs: int, poles: tuple[float, ...]) -> BandTerms:
-        """The weights of the bins of a window.
 
-        Parameters
-        ----------
-        dt
-            Sampling interval [s].
-        scored, runs
-            Samples of the window, and number of runs.
-        poles
-            Poles of the nuisance terms that are projected out [rad/s]; 0 is an offset.
-        """
+class BandTerms:
+    """What the likelihood of a window has beside the squares of its prediction errors.
+
+    Parameters
+    ----------
+    weighting
+        How frequencies count.
+    dt
+        Sampling interval [s].
+    scored, runs
+        Samples of the window, and number of runs.
+    poles
+        Poles of the nuisance terms that are projected out [rad/s]; 0 is an offset.
+    """
+
+    def __init__(
+        self, weighting: Weighting, dt: float, scored: int, runs: int, poles: tuple[float, ...]
+    ) -> None:
         omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, dt)[1:], dtype=float)
-        weights = self.weights(omega)
+        weights = weighting.weights(omega)
         weights[weights < MIN_WEIGHT] = 0.0
         outside = OUTSIDE_WEIGHT * (1.0 - weights)
-        control = np.interp(omega, self.omega, self.control)
+        control = np.interp(omega, weighting.omega, weighting.control)
         begins = group_begins(omega)
         middle = np.add.reduceat(omega, begins) / np.diff([*begins, omega.size])
         left = 2.0 * runs * np.add.reduceat(outside * control, begins)
@@ -103,68 +109,30 @@ class Weighting:
         by_lag = np.cos(np.outer(lags, middle * dt)) @ left
         # The mean is half a bin, unless it is projected out.
         mean = 0.0 if 0.0 in poles else 0.5
-        counting = int(np.flatnonzero(weights)[-1]) + 1
-        # Poles slower than the window tells are integrators, whatever the sign of their real part.
-        of_element = np.roots(self.element.denominator)
         inside = runs * np.add.reduceat(weights, begins)
         whitened = inside + runs * np.add.reduceat(outside, begins)
-        return BandTerms(
-            weights=np.concatenate([[mean], weights[:counting]]),
-            omega=np.concatenate([[0.25 * omega[0]], middle]),
-            inside=np.concatenate([[mean * runs], inside]),
-            whitened=np.concatenate([[mean * runs], whitened]),
-            outside=by_lag[np.abs(np.subtract.outer(lags, lags))],
-            dt=dt,
-            taken=runs * len(set(poles) - {0.0}),
-            unstable=int(np.sum((of_element.real > 0.0) & (np.abs(of_element) > omega[0]))),
+        #: Weights of the bins of the scored samples from rest on, as far as they count.
+        self.weights = np.append(mean, weights[: int(np.flatnonzero(weights)[-1]) + 1])
+        #: Frequencies of groups of bins [rad/s], shape (groups,).
+        self.omega = np.append(0.25 * omega[0], middle)
+        #: Sums of the weights of all runs in each group, and of those of the remnant's model.
+        self.inside, self.whitened = (
+            np.append(mean * runs, inside),
+            np.append(mean * runs, whitened),
         )
-
-
-@dataclass(frozen=True, eq=False)
-class BandTerms:
-    """What the likelihood of a window has beside the squares of its prediction errors.
-
-    Attributes
-    ----------
-    weights
-        Weights of the bins of the scored samples from rest on, as far as they count.
-    omega
-        Frequencies of groups of bins [rad/s], shape (groups,).
-    inside, whitened
-        Sums of the weights of all runs in each group, and of those of the remnant's model.
-    outside
-        Products at all pairs of lags of what does not count, shape (FAR + 1, FAR + 1).
-    dt
-        Sampling interval [s].
-    taken
-        Residuals that nuisance terms take.
-    unstable
-        Unstable poles of the controlled element, slower ones than the first bin left out.
-    """
-
-    weights: FloatArray
-    omega: FloatArray
-    inside: FloatArray
-    whitened: FloatArray
-    outside: FloatArray
-    dt: float
-    taken: int
-    unstable: int
-
-    @property
-    def residuals(self) -> int:
-        """Number of real residuals."""
-        return max(1, round(2.0 * float(self.whitened.sum())) - self.taken)
-
-    @cached_property
-    def counting(self) -> int:
-        """Number of groups that count for the pilot."""
-        return int(np.flatnonzero(self.inside)[-1]) + 1
-
-    @cached_property
-    def shifts(self) -> ComplexArray:
-        """Responses of delays by 0 to FAR samples, shape (FAR + 1, groups)."""
-        return np.asarray(np.exp(-1j * np.outer(np.arange(FAR + 1), self.omega * self.dt)))
+        #: Products at all pairs of lags of what does not count, shape (FAR + 1, FAR + 1).
+        self.outside: FloatArray = by_lag[np.abs(np.subtract.outer(lags, lags))]
+        #: Number of groups that count for the pilot.
+        self.counting = int(np.flatnonzero(self.inside)[-1]) + 1
+        #: Responses of delays by 0 to FAR samples, shape (FAR + 1, groups).
+        self.shifts: ComplexArray = np.exp(-1j * np.outer(lags, self.omega * dt))
+        #: Number of real residuals: nuisance terms take some.
+        taken = runs * len(set(poles) - {0.0})
+        self.residuals = max(1, round(2.0 * float(self.whitened.sum())) - taken)
+        #: Unstable poles of the controlled element.  Those slower than the window tells are
+        #: integrators, whatever the sign of their real part.
+        of_element = np.roots(weighting.element.denominator)
+        self.unstable = int(np.sum((of_element.real > 0.0) & (np.abs(of_element) > omega[0])))
 
     def weighted(self, rows: FloatArray) -> FloatArray:
         """Rows (..., samples) as real numbers whose products are those in the band."""
@@ -275,7 +243,6 @@ class BandTerms:
         loop: ComplexArray,
         taps: FloatArray,
         slopes: FloatArray,
-        share: FloatArray | float = 1.0,
     ) -> FloatArray:
         """Inner products whose last one, Q, has the likelihood of the band by n log Q.
 
@@ -288,21 +255,19 @@ class BandTerms:
             Weighted inner products of Jacobian and errors, (sets, p + r + 1, p + r + 1).
         loop, taps, slopes
             See `log_determinant`.
-        share
-            Share of the residuals that the products have, one or of each set, shape (sets,).
         """
         term, slope, information = self.log_determinant(loop, taps, slopes)
         size = float(self.residuals)
-        variance = products[:, -1, -1] / (size * share)
+        variance = products[:, -1, -1] / size
         information -= (2.0 / size) * slope[:, :, None] * slope[:, None, :]
-        information *= (share * variance)[:, None, None]
+        information *= variance[:, None, None]
         # Far from the optimum it may take more than the squares have: then it is left out.
         own = np.diagonal(products, axis1=1, axis2=2)[:, :-1]
         unsound = (np.diagonal(information, axis1=1, axis2=2) < (0.02 - 1.0) * own).any(axis=1)
         information[unsound] = 0.0
         found = products.copy()
         found[:, :-1, :-1] += information
-        slope *= (share * variance)[:, None]
+        slope *= variance[:, None]
         found[:, -1, :-1] -= slope
         found[:, :-1, -1] -= slope
         found *= np.exp(2.0 * term / size)[:, None, None]

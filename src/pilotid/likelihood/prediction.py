@@ -15,7 +15,7 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from pilotid.likelihood.band_likelihood import BandTerms, Weighting, group_begins, weighting_of
+from pilotid.likelihood.band_likelihood import BandTerms, Weighting, group_begins
 from pilotid.likelihood.prepare import (
     FAR,
     REACH,
@@ -29,7 +29,6 @@ from pilotid.likelihood.prepare import (
     half_width,
     lowpass,
     pad,
-    prepare,
 )
 from pilotid.model.channel import Changing, Channel
 from pilotid.model.model import PilotModel
@@ -63,20 +62,18 @@ class FineInput:
     time: FloatArray
     smoothing: FloatArray
 
-    def modulated(self, values: FloatArray) -> ComplexArray:
-        """The transform of the modulated input, shape (sets, runs, bins).
+    def modulated(self, values: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Transforms of the modulated input and of its derivatives by what varies.
 
         Parameters
         ----------
         values
             Sets of the parameters of what varies, shape (sets, parameters).
-        """
-        weights = self.changing.weights(self.time, values)
-        parts = [w[:, None] * signal for w, signal in zip(weights, self.signals, strict=True)]
-        return self._spectrum(sum(parts[1:], parts[0]))
 
-    def modulated_slopes(self, values: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """As `modulated`, and its derivatives, shape (sets, parameters, runs, bins)."""
+        Returns
+        -------
+        Arrays of shape (sets, runs, bins) and (sets, parameters, runs, bins).
+        """
         signal, slopes = self.changing.modulated(self.signals, self.time, values)
         return self._spectrum(signal), self._spectrum(slopes)
 
@@ -270,7 +267,7 @@ class Prediction:
         """What the likelihood of the band has beside squares; None for direct prediction errors."""
         if self.weighting is None:
             return None
-        return self.weighting.band_terms(self.dt, self.scored, self.runs, self.nuisance_poles)
+        return BandTerms(self.weighting, self.dt, self.scored, self.runs, self.nuisance_poles)
 
     @cached_property
     def loop(self) -> Prediction:
@@ -353,7 +350,7 @@ class Prediction:
         for c, fine in enumerate(self.fine):
             if fine:
                 indices = list(self.model.changing_indices[c])
-                answers[c] = answers[c] * fine.modulated(values[:, indices])
+                answers[c] = answers[c] * fine.modulated(values[:, indices])[0]
         return np.asarray(self.control_spectrum - reduce(np.add, answers))
 
     def noticeable_terms(
@@ -416,7 +413,7 @@ class Prediction:
             part = response[:, None] * fixed
             if fine := self.fine[c]:
                 own = model.changing_indices[c]
-                signal, by_own = fine.modulated_slopes(values[:, list(own)])
+                signal, by_own = fine.modulated(values[:, list(own)])
                 for place, index in enumerate(own):
                     spectrum[:, index] += by_own[:, place] * part
                 part = part * signal
@@ -596,7 +593,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     band
         What lies above this frequency [rad/s] is not used; None for the full sampling rate.
     """
-    prepared: Prepared = prepare(recording, model, band)
+    prepared = Prepared(recording, model, band)
     extension = min(round(EXTENSION / prepared.dt), prepared.control.shape[1] - 1)
     length = fast_length(prepared.control.shape[1] + 2 * extension)
 
@@ -631,20 +628,3 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         fine=fine,
         weighting=None,
     )
-
-
-def weighted(
-    prediction: Prediction, recording: Recording, others: tuple[str, ...] = ()
-) -> Prediction:
-    """A prediction of a recording for the likelihood of its band, where that is to be had.
-
-    Parameters
-    ----------
-    prediction, recording
-        The prediction, and what it was prepared of.
-    others
-        Signals whose floors weigh the frequencies besides those of the model's own inputs.
-    """
-    control, dt = prediction.control, prediction.dt
-    weighting = weighting_of(recording, prediction.model, control, dt, others)
-    return replace(prediction, weighting=weighting)

@@ -106,50 +106,13 @@ DIFFERENCE_REACH = 12  # samples on either side that a central difference uses
 ATTENUATION = 50.0  # dB, of the low-pass filter
 
 
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    """Signals of a recording on the analysis grid.
-
-    Attributes
-    ----------
-    dt
-        Sampling interval after decimation [s].
-    inputs
-        Per channel, its input (or the derivative it acts on), pre-history included;
-        shape (runs, samples).
-    edges
-        Per channel, the lower derivatives of its input at the first and last sample,
-        from the input itself (less its mean) upwards; shape (derivative, 2, runs).
-    control
-        The control on the same samples, shape (runs, samples).
-    first, scored
-        Index of the first scored sample, and how many there are.  At the end of the recording as
-        many samples are not scored as a model looks ahead.
-    time
-        Time of the samples [s], shape (samples,).
-    """
-
-    dt: float
-    inputs: tuple[FloatArray, ...]
-    edges: tuple[FloatArray, ...]
-    control: FloatArray
-    first: int
-    scored: int
-    time: FloatArray
-
-
 def decimation(dt: float, band: float | None) -> int:
     """Largest whole factor that keeps the band below half the new sampling rate."""
     return 1 if band is None else max(1, math.floor(math.pi / (band * dt) + 1e-9))
 
 
-def prepare(
-    recording: Recording,
-    model: PilotModel,
-    band: float | None = None,
-    unscored: float | None = None,
-) -> Prepared:
-    """Filter, differentiate and decimate what the model's prediction needs.
+class Prepared:
+    """Signals of a recording on the analysis grid: filtered, differentiated, decimated.
 
     Parameters
     ----------
@@ -163,39 +126,49 @@ def prepare(
         Least length of the pre-history [s]; a run-in counts towards it.  None for that which the
         recording names (`Recording.lead_in`).
     """
-    factor = decimation(recording.dt, band)
-    half = half_width(max(c.derivative for c in model.channels), factor)
 
-    total = recording.u.shape[1]
-    lead_in = recording.lead_in if unscored is None else unscored
-    first_scored = max(recording.run_in, round(lead_in / recording.dt), half)
-    unseen = round(model.ahead / recording.dt)
-    if total - 1 - half - first_scored - unseen < MIN_SCORED / recording.dt:
-        raise InputError(
-            f"{recording.source}: {total * recording.dt:.3g} s of recording leave less than "
-            f"{MIN_SCORED:g} s to score in the analysis band; "
-            "use a longer recording or a wider band"
-        )
-    before = (first_scored - half) // factor
-    after = (total - 1 - half - first_scored) // factor
-    centres = slice(first_scored - before * factor, first_scored + after * factor + 1, factor)
-
-    scored = (total - 1 - half - first_scored - unseen) // factor + 1
-    # Large prime factors make transforms of a long window slow: of 40 minutes and more up to a
-    # hundredth is left out.
-    if band is not None and scored > 40_000:
-        scored = next(n for n in range(scored, 0, -1) if fast_length(n) == n)
-
-    channels = [(recording.input(c.on), c.derivative) for c in model.channels]
-    return Prepared(
-        dt=recording.dt * factor,
-        inputs=tuple(derivative(*channel, factor, recording.dt, centres) for channel in channels),
-        edges=tuple(edges(*channel, factor, recording.dt, centres) for channel in channels),
-        control=derivative(recording.u, 0, factor, recording.dt, centres),
-        first=before,
-        scored=scored,
-        time=recording.time[centres],
-    )
+    def __init__(
+        self,
+        recording: Recording,
+        model: PilotModel,
+        band: float | None = None,
+        unscored: float | None = None,
+    ) -> None:
+        factor = decimation(recording.dt, band)
+        half = half_width(max(c.derivative for c in model.channels), factor)
+        total = recording.u.shape[1]
+        lead_in = recording.lead_in if unscored is None else unscored
+        first_scored = max(recording.run_in, round(lead_in / recording.dt), half)
+        # At the end as many samples are not scored as a model looks ahead.
+        unseen = round(model.ahead / recording.dt)
+        if total - 1 - half - first_scored - unseen < MIN_SCORED / recording.dt:
+            raise InputError(
+                f"{recording.source}: {total * recording.dt:.3g} s of recording leave less than "
+                f"{MIN_SCORED:g} s to score in the analysis band; "
+                "use a longer recording or a wider band"
+            )
+        scored = (total - 1 - half - first_scored - unseen) // factor + 1
+        # Large prime factors make transforms of a long window slow: of 40 minutes and more up to a
+        # hundredth is left out.
+        if band is not None and scored > 40_000:
+            scored = next(n for n in range(scored, 0, -1) if fast_length(n) == n)
+        #: Sampling interval after decimation [s].
+        self.dt = recording.dt * factor
+        #: Index of the first scored sample, and how many there are.
+        self.first, self.scored = (first_scored - half) // factor, scored
+        after = (total - 1 - half - first_scored) // factor
+        start, stop = first_scored - self.first * factor, first_scored + after * factor + 1
+        centres = slice(start, stop, factor)
+        #: Time of the samples [s], shape (samples,).
+        self.time = recording.time[centres]
+        #: The control, shape (runs, samples).
+        self.control = derivative(recording.u, 0, factor, recording.dt, centres)
+        channels = [(recording.input(c.on), c.derivative) for c in model.channels]
+        #: Per channel, its input (or the derivative it acts on), of the same shape.
+        self.inputs = [derivative(*own, factor, recording.dt, centres) for own in channels]
+        #: Per channel, the lower derivatives of its input at the first and last sample, from the
+        #: input itself (less its mean) upwards; shape (derivative, 2, runs).
+        self.edges = [edges(*own, factor, recording.dt, centres) for own in channels]
 
 
 @lru_cache
@@ -316,7 +289,7 @@ class Band:
 
     @property
     def limit(self) -> float | None:
-        """The band as `prepare` takes it [rad/s]; None for the full sampling rate."""
+        """The band as `Prepared` takes it [rad/s]; None for the full sampling rate."""
         return None if self.factor == 1 else math.pi / self.dt
 
     @cached_property

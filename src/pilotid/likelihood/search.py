@@ -25,6 +25,7 @@ import numpy as np
 
 from pilotid.estimate.applicability import lines_objection
 from pilotid.estimate.estimate import Starts, is_at_bound
+from pilotid.likelihood.band_likelihood import weighting_of
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import (
     COMPARED_TOLERANCE,
@@ -34,7 +35,7 @@ from pilotid.likelihood.optimum import (
     PilotCheck,
     descend,
 )
-from pilotid.likelihood.prediction import Prediction, predict, weighted
+from pilotid.likelihood.prediction import Prediction, predict
 from pilotid.likelihood.prepare import Band, decimation
 from pilotid.likelihood.remnant_models import (
     FIRST_NOISE_MODEL,
@@ -210,7 +211,9 @@ def first_fit(
     for rate in _rates(recording, settings):
         prediction = predict(recording, model, rate)
         if settings.loop:
-            prediction = weighted(prediction, recording, settings.weighed)
+            control, dt = prediction.control, prediction.dt
+            weighting = weighting_of(recording, model, control, dt, settings.weighed)
+            prediction = replace(prediction, weighting=weighting)
         if pilots is None:
             white = _whitened(prediction.binned.below(SEARCH_BAND), WHITE)
             ends = search(white.gram, model, rng, candidates=CANDIDATES, refined=REFINED)

@@ -36,7 +36,6 @@ from pilotid.plots.style import (
     square_unit,
     with_unit,
 )
-from pilotid.posterior.predictive import PredictiveBand
 from pilotid.recording.recording import Recording
 from pilotid.support.numbers import Z95
 from pilotid.support.types import FloatArray, InputError
@@ -366,24 +365,3 @@ def _pair(
         axes.contourf(x_middle, y_middle, counts.T, [*levels, top], colors=COLOUR, alpha=0.25)
     axes.contour(x_middle, y_middle, counts.T, levels, colors=COLOUR, linewidths=0.8)
     axes.set_ylim(*y_range.tolist())
-
-
-def predictive_band(predictive: PredictiveBand, unit: str = "", seconds: float = 30.0) -> Figure:
-    """Recorded control of the first run inside its posterior predictive band."""
-    shown = predictive.time <= seconds
-    time = predictive.time[shown]
-    with journal_figure(2.8) as figure:
-        axes = figure.subplots()
-        for limits, colour, alpha, label in (
-            (predictive.with_remnant, GREY, 0.3, "95 % band with remnant"),
-            (predictive.model, COLOUR, 0.6, "95 % band of the model's answer"),
-        ):
-            low, high = limits[:, 0, shown]
-            axes.fill_between(
-                time, low, high, color=colour, alpha=alpha, linewidth=0.0, label=label
-            )
-        axes.plot(time, predictive.control[0, shown], color=INK, linewidth=0.9, label="recorded")
-        axes.set_xlabel("time from the first scored sample [s]")
-        axes.set(ylabel=with_unit("control u", unit), xlim=(0.0, time[-1]))
-        legend(axes, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1)
-    return figure

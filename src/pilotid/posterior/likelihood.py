@@ -68,10 +68,6 @@ class LogNormal:
         constant = math.log(self.spread * math.sqrt(2.0 * math.pi))
         return np.asarray(-0.5 * offset * offset - np.log(x) - constant)
 
-    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Random values, shape (count,)."""
-        return self.median * np.exp(self.spread * rng.standard_normal(count))
-
 
 @dataclass(frozen=True)
 class Normal:
@@ -91,10 +87,6 @@ class Normal:
         constant = math.log(self.spread * math.sqrt(2.0 * math.pi))
         return np.asarray(-0.5 * offset * offset - constant)
 
-    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Random values, shape (count,)."""
-        return self.mean + self.spread * rng.standard_normal(count)
-
 
 @dataclass(frozen=True)
 class HalfCauchy:
@@ -111,14 +103,6 @@ class HalfCauchy:
     def logpdf(self, x: FloatArray) -> FloatArray:
         constant = math.log(2.0 / (math.pi * self.scale))
         return np.asarray(constant - np.log1p((x / self.scale) ** 2))
-
-    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Random values, shape (count,)."""
-        return np.asarray(self.scale * np.tan(0.5 * np.pi * rng.uniform(size=count)))
-
-
-#: Priors that replace the defaults, by the key of their parameter.
-Replacements = Sequence[tuple[str, Prior]]
 
 
 def default_prior(parameter: Parameter, times: float = 1.0) -> Prior:
@@ -142,7 +126,10 @@ REMNANT: dict[str, Prior] = {
 
 
 def priors_of(
-    model: PilotModel, noise: NoiseModel, replaced: Replacements = (), times: float = 1.0
+    model: PilotModel,
+    noise: NoiseModel,
+    replaced: Sequence[tuple[str, Prior]] = (),
+    times: float = 1.0,
 ) -> tuple[Prior, ...]:
     """The priors of a model's parameters and, after them, of the remnant's where they are sampled.
 
@@ -154,7 +141,7 @@ def priors_of(
         The remnant's model; autoregressive coefficients have none, see
         `pilotid.posterior.likelihood`.
     replaced
-        Priors in the place of the defaults.
+        Priors in the place of the defaults, each with the key of its parameter.
     times
         How much wider those of the pilot are than the defaults.
 
@@ -177,51 +164,69 @@ def priors_of(
 
 BLOCK = 16  # parameter sets evaluated at once: about what the processor's cache holds
 
+#: Standard deviations, on the inner scale, beyond which nobody looks for a parameter: they
+#: keep the first guess of the covariance finite where the likelihood knows nothing.
+BROAD_LOG, BROAD_LINEAR = 2.0, 0.5
 
-class Marginal:
-    """Log-likelihood by pilot parameters and those of the remnant that stay.
+
+class Posterior:
+    """Log-density by the parameters of the pilot and those of the remnant that stay.
 
     Parameters
     ----------
     joint
         Prediction, model of the remnant and analysis band.
+    priors
+        One for each parameter that stays; the bounds truncate them.
     widened
         Factor on the variances that the likelihood stands for, see
         `pilotid.likelihood.optimum.Optimum`: the remnant's model was chosen from the
         same seconds, which integrating over its parameters does not tell.
     """
 
-    def __init__(self, joint: Likelihood, widened: float = 1.0) -> None:
-        self.joint, self.widened = joint, widened
-        self._terms = joint.prediction.band_terms
+    def __init__(
+        self, joint: Likelihood, priors: tuple[Prior, ...] = (), widened: float = 1.0
+    ) -> None:
+        self.joint, self.priors, self.widened = joint, priors, widened
+        self._prediction, self._terms = joint.prediction, joint.prediction.band_terms
         #: Number of the remnant's parameters that are integrated out.
         self.integrated = len(joint.noise.keys) if joint.noise.regressive else 0
         #: Number of parameters that stay.
         self.count = joint.lower.size - self.integrated
+        #: Names of the parameters, those of the remnant last.
+        self.keys = (*joint.prediction.model.keys, *joint.noise.keys)[: self.count]
+        #: Which are sampled by their logarithm, shape (parameters,).
+        self.positive: BoolArray = joint.positive[: self.count]
+        self._scale = LogTransform(self.positive)
 
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Names of the parameters, those of the remnant last."""
-        remnant = () if self.integrated else self.joint.noise.keys
-        return (*self.joint.prediction.model.keys, *remnant)
+    def values(self, points: FloatArray) -> FloatArray:
+        """Parameters at points of the inner scale, shape (sets, parameters)."""
+        return self._scale.leave(points)
 
-    @property
-    def lower(self) -> FloatArray:
-        """Lower bounds."""
-        return self.joint.lower[: self.count]
+    def log_density(self, points: FloatArray) -> FloatArray:
+        """Up to a constant, by points on the inner scale, shape (sets,).
 
-    @property
-    def upper(self) -> FloatArray:
-        """Upper bounds."""
-        return self.joint.upper[: self.count]
+        It is -inf outside the bounds and where there is no number.  Of two pilots with one response
+        only that counts which `PilotModel.ordered` gives.
+        """
+        with np.errstate(over="ignore"):
+            values = self.values(points)
+        lower, upper = self.joint.lower[: self.count], self.joint.upper[: self.count]
+        inside = np.all((values > lower) & (values < upper), axis=1)
+        pilots = values[:, : self.joint.pilot_count]
+        inside &= np.all(self._prediction.model.ordered(pilots) == pilots, axis=1)
+        result = np.full(len(points), -np.inf)
+        if inside.any():
+            sets = values[inside]
+            columns = zip(self.priors, sets.T, strict=True)
+            prior = np.sum([prior.logpdf(column) for prior, column in columns], axis=0)
+            # d value / d log(value) = value
+            slope = np.sum(points[inside][:, self.positive], axis=1)
+            result[inside] = self.log_likelihood(sets) + prior + slope
+        return np.where(np.isfinite(result), result, -np.inf)
 
-    @property
-    def positive(self) -> BoolArray:
-        """Which parameters are sampled on a logarithmic scale."""
-        return self.joint.positive[: self.count]
-
-    def log(self, values: FloatArray) -> FloatArray:
-        """Log-likelihood up to a constant, shape (sets,).
+    def log_likelihood(self, values: FloatArray) -> FloatArray:
+        """Up to a constant, shape (sets,).
 
         Parameters
         ----------
@@ -233,16 +238,14 @@ class Marginal:
         with np.errstate(all="ignore"):
             if self.integrated:
                 products = self.lagged_products(values)
-                taps, further = self._regressed(products)
+                taps, further = self.regressed(products)
                 sums = np.einsum("si,sij,sj->s", taps, products, taps)
                 freedom -= self.integrated if terms is None else 0
             else:
                 taps, sums = self._taps(values), self.sums_of_squares(values)
             deviance = freedom * np.log(sums) + further
             if terms is not None:
-                loop = self.joint.prediction.loop.residual_spectra(
-                    values[:, : self.joint.pilot_count]
-                )
+                loop = self._prediction.loop.residual_spectra(values[:, : self.joint.pilot_count])
                 deviance += 2.0 * (terms.of_loop(loop[:, 0]) + terms.of_whitener(taps))
             return np.asarray(-0.5 / self.widened * deviance)
 
@@ -254,16 +257,14 @@ class Marginal:
         values
             Sets of pilot and, in any case, remnant parameters.
         """
-        taps, prediction = self._taps(values), self.joint.prediction
+        taps, prediction = self._taps(values), self._prediction
         sums = np.empty(len(values))
         for block in _blocks(len(values)):
             spectra = prediction.residual_spectra(values[block, : self.joint.pilot_count])
             if taps.shape[1] > 1:
                 spectra *= prediction.filter_response(taps[block])[:, None, :]
             errors = prediction.without_nuisance(prediction.samples_of(spectra))
-            if self._terms is not None:
-                errors = prediction.weighted_rows(errors)
-            errors = errors.reshape(len(errors), -1)
+            errors = prediction.weighted_rows(errors).reshape(len(errors), -1)
             sums[block] = np.vecdot(errors, errors)
         if self._terms is not None:
             count = taps.shape[1]
@@ -284,38 +285,29 @@ class Marginal:
         -------
         Array of shape (sets, order + 1, order + 1).
         """
-        prediction, order = self.joint.prediction, len(self.joint.noise.keys)
-        scored = prediction.scored
+        prediction, order = self._prediction, self.integrated
         result = np.empty((len(values), order + 1, order + 1))
         for block in _blocks(len(values)):
-            signal = self._long_residual(values[block])
+            spectra = prediction.residual_spectra(values[block, : self.joint.pilot_count])
+            signal = prediction.samples_before(spectra, order)
+            if prediction.nuisance_poles:
+                # Fitted to the scored samples and taken out of all: what is left of them at other
+                # lags is then small beside the residual, whatever the offset was.
+                amplitudes = signal[..., order:] @ np.linalg.pinv(prediction.nuisance_terms).T
+                time = np.arange(-order, prediction.scored) * prediction.dt
+                signal = signal - amplitudes @ np.exp(np.outer(prediction.nuisance_poles, time))
             if self._terms is not None:
                 lags = np.moveaxis(self._terms.lagged(signal, order), 0, 1)
             else:
-                each = [signal[..., order - j : order - j + scored] for j in range(order + 1)]
-                lags = prediction.without_nuisance(np.stack(each, axis=1))
+                windows = np.lib.stride_tricks.sliding_window_view(signal, prediction.scored, -1)
+                lags = prediction.without_nuisance(np.moveaxis(windows[..., ::-1, :], -2, 1))
             flat = lags.reshape(*lags.shape[:2], -1)
             result[block] = flat @ flat.transpose(0, 2, 1)
         if self._terms is not None:
             result += self._terms.outside[: order + 1, : order + 1]
         return result
 
-    def _long_residual(self, values: FloatArray) -> FloatArray:
-        """Residuals from `order` samples before the first scored one, (sets, runs, samples).
-
-        Nuisance terms are fitted to the scored samples and taken out of all: what is left of
-        them at other lags is then small beside the residual, whatever the offset was.
-        """
-        prediction, order = self.joint.prediction, len(self.joint.noise.keys)
-        spectra = prediction.residual_spectra(values[:, : self.joint.pilot_count])
-        signal = prediction.samples_before(spectra, order)
-        if not prediction.nuisance_poles:
-            return signal
-        amplitudes = signal[..., order:] @ np.linalg.pinv(prediction.nuisance_terms).T
-        time = np.arange(-order, prediction.scored) * prediction.dt
-        return np.asarray(signal - amplitudes @ np.exp(np.outer(prediction.nuisance_poles, time)))
-
-    def _regressed(self, products: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def regressed(self, products: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Whitening filters that suit best, and log-determinants of what was integrated out."""
         if self._terms is not None:
             return most_likely_regression(products, self._terms)
@@ -323,79 +315,6 @@ class Marginal:
         taps[:, 1:] = -np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])[..., 0]
         sign, log_determinant = np.linalg.slogdet(products[:, 1:, 1:])
         return taps, np.where(sign > 0.0, log_determinant, np.nan)
-
-    def coefficients(self, values: FloatArray) -> FloatArray:
-        """Autoregressive coefficients that suit each parameter set best, (sets, order)."""
-        return self._regressed(self.lagged_products(values))[0][:, 1:]
-
-
-def _blocks(count: int) -> Iterator[slice]:
-    """Slices of `BLOCK` parameter sets that cover so many."""
-    return (slice(begin, begin + BLOCK) for begin in range(0, count, BLOCK))
-
-
-#: Standard deviations, on the inner scale, beyond which nobody looks for a parameter: they
-#: keep the first guess of the covariance finite where the likelihood knows nothing.
-BROAD_LOG, BROAD_LINEAR = 2.0, 0.5
-
-
-class Posterior:
-    """Log-density by points on the inner scale.
-
-    Parameters
-    ----------
-    likelihood
-        The likelihood.
-    priors
-        One for each of its parameters; the bounds truncate them.
-    """
-
-    def __init__(self, likelihood: Marginal, priors: tuple[Prior, ...]) -> None:
-        self.likelihood, self.priors = likelihood, priors
-        self._scale = LogTransform(likelihood.positive)
-        self._lower, self._upper = likelihood.lower, likelihood.upper
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """The parameters' names."""
-        return self.likelihood.keys
-
-    @property
-    def positive(self) -> BoolArray:
-        """Which of them are sampled by their logarithm, shape (parameters,)."""
-        return self.likelihood.positive
-
-    def values(self, points: FloatArray) -> FloatArray:
-        """Parameters at points of the inner scale, shape (sets, parameters)."""
-        return self._scale.leave(points)
-
-    def points(self, values: FloatArray) -> FloatArray:
-        """Points of the inner scale, shape (sets, parameters)."""
-        return self._scale.enter(values)
-
-    def log_prior(self, values: FloatArray) -> FloatArray:
-        """Logarithm of the prior density at parameters inside the bounds, shape (sets,)."""
-        columns = zip(self.priors, values.T, strict=True)
-        return np.asarray(np.sum([prior.logpdf(column) for prior, column in columns], axis=0))
-
-    def log_density(self, points: FloatArray) -> FloatArray:
-        """Up to a constant, -inf outside the bounds and where there is no number, (sets,).
-
-        Of two pilots with one response only that counts which `PilotModel.ordered` gives.
-        """
-        with np.errstate(over="ignore"):
-            values = self.values(points)
-        inside = np.all((values > self._lower) & (values < self._upper), axis=1)
-        joint = self.likelihood.joint
-        pilots = values[:, : joint.pilot_count]
-        inside &= np.all(joint.prediction.model.ordered(pilots) == pilots, axis=1)
-        result = np.full(len(points), -np.inf)
-        if inside.any():
-            own = values[inside]
-            # d value / d log(value) = value
-            slope = np.sum(points[inside][:, self._scale.positive], axis=1)
-            result[inside] = self.likelihood.log(own) + self.log_prior(own) + slope
-        return np.where(np.isfinite(result), result, -np.inf)
 
     def approximation(self, maximum: Optimum) -> tuple[FloatArray, FloatArray]:
         """Mode of the likelihood and covariance there, on the inner scale.
@@ -411,6 +330,10 @@ class Posterior:
         variance = max(float(end.cost[0]), np.finfo(float).tiny) / joint.residuals
         information = scale.inner(end.gram[:1], values)[0, :-1, :-1] / variance
         broad = np.where(joint.positive, BROAD_LOG, BROAD_LINEAR) ** -2.0
-        covariance = np.linalg.inv(information + np.diag(broad))
-        count = self.likelihood.count
-        return scale.enter(values)[0, :count], np.asarray(covariance[:count, :count])
+        covariance = np.asarray(np.linalg.inv(information + np.diag(broad)))
+        return scale.enter(values)[0, : self.count], covariance[: self.count, : self.count]
+
+
+def _blocks(count: int) -> Iterator[slice]:
+    """Slices of `BLOCK` parameter sets that cover so many."""
+    return (slice(begin, begin + BLOCK) for begin in range(0, count, BLOCK))

@@ -48,71 +48,58 @@ LONG = 5.0  # autocorrelation times that a run has at least: a shorter one does 
 WINDOW = 5.0  # autocorrelation times over which correlations are summed (Sokal 1997)
 
 
-class StudentT:
-    """A multivariate Student-t distribution.
-
-    Parameters
-    ----------
-    centre
-        Shape (dimensions,).
-    scale
-        Its scale matrix, positive definite.
-    """
-
-    def __init__(self, centre: FloatArray, scale: FloatArray) -> None:
-        self.centre, self.scale = centre, scale
-        self.root = np.linalg.cholesky(scale)
-        self._inverse = np.linalg.inv(self.root)
-        self._volume = float(np.sum(np.log(np.diag(self.root))))
-
-    def distances(self, points: FloatArray) -> FloatArray:
-        """Squared distances from the centre in units of the scale, shape (points,)."""
-        return np.asarray(np.sum(((points - self.centre) @ self._inverse.T) ** 2, axis=1))
-
-    def log_density(self, points: FloatArray) -> FloatArray:
-        """Up to a constant that depends on the dimensions alone, shape (points,)."""
-        power = -0.5 * (FREEDOM + self.centre.size)
-        return np.asarray(power * np.log1p(self.distances(points) / FREEDOM) - self._volume)
-
-
 class Mixture:
-    """A mixture of Student-t distributions.
+    """A mixture of multivariate Student-t distributions.
 
     Parameters
     ----------
     shares
         They sum to 1, shape (parts,).
-    parts
-        The distributions.
+    centres
+        Shape (parts, dimensions).
+    scales
+        Scale matrices, positive definite, shape (parts, dimensions, dimensions).
     """
 
-    def __init__(self, shares: FloatArray, parts: list[StudentT]) -> None:
-        self.shares, self.parts = shares, parts
+    def __init__(self, shares: FloatArray, centres: FloatArray, scales: FloatArray) -> None:
+        self.shares, self.centres, self.scales = shares, centres, scales
+        self._roots = np.linalg.cholesky(scales)
+        self._inverse = np.linalg.inv(self._roots).swapaxes(1, 2)
+        self._volumes = np.sum(np.log(np.diagonal(self._roots, axis1=1, axis2=2)), axis=1)
 
     def draw(self, rng: np.random.Generator | np.random.RandomState, count: int) -> FloatArray:
         """Random points, shape (count, dimensions)."""
-        normal = rng.standard_normal((count, self.parts[0].centre.size))
+        normal = rng.standard_normal((count, self.centres.shape[1]))
         normal *= np.sqrt(FREEDOM / rng.chisquare(FREEDOM, (count, 1)))
-        chosen = rng.choice(len(self.parts), count, p=self.shares)
-        for i, part in enumerate(self.parts):
-            normal[chosen == i] = part.centre + normal[chosen == i] @ part.root.T
+        chosen = rng.choice(len(self.shares), count, p=self.shares)
+        for i, (centre, root) in enumerate(zip(self.centres, self._roots, strict=True)):
+            normal[chosen == i] = centre + normal[chosen == i] @ root.T
         return normal
+
+    def distances(self, points: FloatArray) -> FloatArray:
+        """Squared distances from each centre in units of its scale, shape (parts, points)."""
+        offsets = points - self.centres[:, None]
+        return np.asarray(np.sum((offsets @ self._inverse) ** 2, axis=2))
 
     def by_part(self, points: FloatArray) -> FloatArray:
         """Log-density of each part times its share, shape (parts, points)."""
-        logs = [part.log_density(points) for part in self.parts]
-        return np.array(logs) + np.log(self.shares)[:, None]
+        power = -0.5 * (FREEDOM + points.shape[1])
+        logs = power * np.log1p(self.distances(points) / FREEDOM) - self._volumes[:, None]
+        return np.asarray(logs + np.log(self.shares)[:, None])
 
     def log_density(self, points: FloatArray) -> FloatArray:
-        """Up to a constant, the same as for one Student-t distribution, shape (points,)."""
+        """Up to a constant that depends on the dimensions alone, shape (points,)."""
         return np.asarray(np.logaddexp.reduce(self.by_part(points), axis=0))
 
     @property
     def defended(self) -> Mixture:
         """The same with a wider copy of each part, which finds what the narrow ones miss."""
-        wide = [StudentT(part.centre, WIDE * part.scale) for part in self.parts]
         shares = np.append((1.0 - DEFENCE) * self.shares, DEFENCE * self.shares)
-        return Mixture(shares / shares.sum(), self.parts + wide)
+        return Mixture(
+            shares / shares.sum(),
+            np.concatenate([self.centres, self.centres]),
+            np.concatenate([self.scales, WIDE * self.scales]),
+        )
 
 
 def fitted(
@@ -139,19 +126,20 @@ def fitted(
     # As much as so many effective draws weigh as there are dimensions.
     doubt = min(1.0, dimensions * float(np.sum(weights**2)))
     starts = points[rng.choice(len(points), parts, p=weights)]
-    mixture = Mixture(np.full(parts, 1.0 / parts), [StudentT(start, least) for start in starts])
+    mixture = Mixture(np.full(parts, 1.0 / parts), starts, np.tile(least, (parts, 1, 1)))
     for _ in range(ITERATIONS):
         logs = mixture.by_part(points)
-        own = np.exp(logs - np.logaddexp.reduce(logs, axis=0)) * weights
-        moved = []
-        for part, share in zip(mixture.parts, own, strict=True):
-            pull = share * (FREEDOM + dimensions) / (FREEDOM + part.distances(points))
-            # A part that no draw supports stays where it is.
-            centre = pull @ points / pull.sum() if pull.sum() > EMPTY else part.centre
-            offset = points - centre
-            scale = (offset.T * pull) @ offset + doubt * least
-            moved.append(StudentT(centre, scale / (share.sum() + doubt)))
-        mixture = Mixture((own.sum(axis=1) + doubt / parts) / (1.0 + doubt), moved)
+        part = np.exp(logs - np.logaddexp.reduce(logs, axis=0)) * weights
+        pull = part * (FREEDOM + dimensions) / (FREEDOM + mixture.distances(points))
+        total = pull.sum(axis=1, keepdims=True)
+        # A part that no draw supports stays where it is.
+        moved = (pull[:, None] @ points)[:, 0] / np.maximum(total, EMPTY)
+        centres = np.where(total > EMPTY, moved, mixture.centres)
+        offsets = points - centres[:, None]
+        scales = (offsets.swapaxes(1, 2) * pull[:, None]) @ offsets + doubt * least
+        weight = part.sum(axis=1) + doubt
+        shares = (part.sum(axis=1) + doubt / parts) / (1.0 + doubt)
+        mixture = Mixture(shares, centres, scales / weight[:, None, None])
     return mixture.defended
 
 
@@ -174,7 +162,7 @@ def explored(
     Mixture, draws (draws, dimensions) and weights (draws,); None where the density is zero all
     around the centre.
     """
-    proposals = [Mixture(np.ones(1), [StudentT(centre, covariance)]).defended]
+    proposals = [Mixture(np.ones(1), centre[None], covariance[None]).defended]
     points, target = np.zeros((0, centre.size)), np.zeros(0)
     enough = ENOUGH * centre.size
     for _ in range(STAGES):
@@ -185,13 +173,13 @@ def explored(
         if not np.isfinite(logs).any():
             return None
         weights, power = _weights(logs), 1.0
-        found = effective = 1.0 / np.sum(weights**2)
+        unflattened = effective = 1.0 / np.sum(weights**2)
         while effective < enough and power > 1e-3:
             power *= 0.7
             weights = _weights(power * logs)
             effective = 1.0 / np.sum(weights**2)
         proposals.append(fitted(points, weights, covariance, 1, rng))
-        if found >= enough:
+        if unflattened >= enough:
             break
     return proposals[-1], points, weights
 
@@ -209,7 +197,6 @@ def sample(
     rng: np.random.Generator,
     effective: float,
     most: int,
-    watch: Callable[[float], None] | None = None,
 ) -> Draws | None:
     """Draws by independent ensembles, until they are long enough and agree.
 
@@ -225,8 +212,6 @@ def sample(
         Effective number of draws that every parameter must have.
     most
         Steps of each ensemble at the most.
-    watch
-        Is told, from time to time, the share of the run that is done.
 
     Returns
     -------
@@ -234,10 +219,10 @@ def sample(
     """
     import emcee
 
-    found = explored(posterior.log_density, centre, covariance, rng)
-    if found is None:
+    first = explored(posterior.log_density, centre, covariance, rng)
+    if first is None:
         return None
-    proposal, points, weights = found
+    proposal, points, weights = first
 
     def independent(
         walkers: FloatArray, rng: np.random.RandomState
@@ -262,8 +247,6 @@ def sample(
     done, target, refits = 0, min(FIRST, most), 0
     while True:
         for i, (sampler, state) in enumerate(runs):
-            if watch:
-                watch((done + i * (target - done) / ENSEMBLES) / target)
             # emcee would refuse walkers that start close to a line; differential evolution
             # copes with the narrow valleys that pilots have.
             end = sampler.run_mcmc(state, target - done, skip_initial_state_check=True)
@@ -332,9 +315,9 @@ def autocorrelation_times(chains: FloatArray) -> FloatArray:
     products = np.fft.irfft(power, n=length, axis=0)[:steps]
     products /= np.arange(steps, 0, -1)[:, None]
     times = np.ones(chains.shape[-1])
-    for i, own in enumerate(products.T):
-        if own[0] > 0.0:
-            sums = 2.0 * np.cumsum(own / own[0]) - 1.0
+    for i, covariances in enumerate(products.T):
+        if covariances[0] > 0.0:
+            sums = 2.0 * np.cumsum(covariances / covariances[0]) - 1.0
             within = np.arange(steps) >= WINDOW * sums
             times[i] = max(1.0, sums[int(np.argmax(within)) if within.any() else -1])
     return times
@@ -358,8 +341,8 @@ def r_hat(chains: FloatArray) -> FloatArray:
     halves = np.concatenate([chains[:, :half], chains[:, half : 2 * half]])
     flat = halves.reshape(len(halves), -1, chains.shape[-1])
     draws, ratios = flat.shape[1], []
-    for own in (flat, np.abs(flat - np.median(flat, axis=(0, 1)))):
-        ranks = own.reshape(-1, flat.shape[-1]).argsort(axis=0).argsort(axis=0)
+    for measure in (flat, np.abs(flat - np.median(flat, axis=(0, 1)))):
+        ranks = measure.reshape(-1, flat.shape[-1]).argsort(axis=0).argsort(axis=0)
         scores = ndtri((ranks + 0.625) / (len(ranks) + 0.25)).reshape(flat.shape)
         within = np.mean(np.var(scores, axis=1, ddof=1), axis=0)
         between = np.var(np.mean(scores, axis=1), axis=0, ddof=1)

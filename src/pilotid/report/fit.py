@@ -11,7 +11,7 @@ import numpy as np
 
 from pilotid.estimate.method import Fitted
 from pilotid.estimate.quantities import quantity_tables
-from pilotid.model.element import ControlledElement, parsed_element
+from pilotid.model.element import parsed_element
 from pilotid.plots import plots
 from pilotid.plots.style import leading
 from pilotid.report.page import Figure, render
@@ -138,19 +138,11 @@ def summary(fit: Fitted) -> str:
 # -------------------------------------------------------------------------------- figures
 
 
-def figures_of(
-    fit: Fitted,
-    element: ControlledElement | None = None,
-) -> Iterator[Figure]:
+def figures_of(fit: Fitted) -> Iterator[Figure]:
     """All figures that a recording's estimates allow, in the order of a page.
 
-    Parameters
-    ----------
-    fit
-        What was fitted.
-    element
-        The controlled element, for the open loops; None for that of the fit or, where it has
-        none, that which the recording names.
+    Open loops are drawn with the controlled element of the fit or, where nobody asked for loops,
+    with that which the recording names.
     """
     from pilotid.methods.fourier import first_step_of
 
@@ -181,7 +173,6 @@ def figures_of(
         return
     loop = fit.loop_element
     plant = loop.element if loop is not None else parsed_element(recording.controlled_element)
-    plant = element or plant
     if plant is not None and not chosen.model.no_loop:
         caption = (
             f"Open loops of the pilot ({chosen.method}) with the controlled element "
