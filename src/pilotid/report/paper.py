@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 ORDER = ("3", "4", "5", "6", "8", "9", "10", "11")
 #: The scenarios of Fig. 8 on an axis.
 FORCING = ("both", "disturbance", "target", "dist. step", "target step")
-#: An axis shows what lies within so many medians of its values.
-MEDIANS_SHOWN = 4.0
+#: An axis shows what lies no further from the median than so many interquartile ranges.
+RANGES_SHOWN = 5.0
 #: Trials with and without motion, and whose they are.
 OF_MOTION = (("9", "simulated"), (PEOPLE, PEOPLE))
 TRUTH = dict(zip(KEYS, SCENARIOS["nominal"].truth, strict=True))
@@ -320,7 +320,8 @@ def _points(
                     fmt=fmt if paper else f"{fmt}{line}", color=INK if paper else colour,
                     markersize=3.0, elinewidth=0.7, label=method,
                 )  # fmt: skip
-            axes.set_ylim(*_limits(own.value.to_numpy()))
+            bars = own.std_error.fillna(0.0)
+            axes.set_ylim(*_limits(np.concatenate([own.value - bars, own.value + bars])))
             if ticks:
                 axes.set_xticks(range(len(ticks)), ticks, rotation=60, fontsize=6.5)
             draw_grid(axes, "y")
@@ -329,12 +330,12 @@ def _points(
 
 
 def _limits(values: FloatArray) -> tuple[float, float]:
-    """Ends of an axis that leaves out what lies far from most values."""
+    """Ends of an axis that leaves out what lies far from the middle half of the values."""
     known = values[np.isfinite(values)]
     if not known.size:
         return 0.0, 1.0
-    middle = float(np.median(known))
-    near = known[np.abs(known - middle) <= MEDIANS_SHOWN * abs(middle)]
-    inside = near if near.size else known
-    room = 0.15 * float(np.ptp(inside)) + 0.05 * abs(middle)
+    low, middle, high = np.quantile(known, [0.25, 0.5, 0.75]).tolist()
+    near = np.abs(known - middle) <= RANGES_SHOWN * (high - low)
+    inside = known[near] if high > low else known
+    room = 0.15 * float(np.ptp(inside)) + 0.02 * abs(middle) or 1.0
     return float(inside.min()) - room, float(inside.max()) + room
