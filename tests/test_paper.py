@@ -105,8 +105,8 @@ def test_the_page_has_the_paper_in_its_order(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("values", "shown", "left_out"),
-    [([1.0, 1.2, 0.9, 1.1, 90.0], [0.9, 1.2], [90.0]), ([0.0, 0.0], [0.0], []), ([-5.0, 5.0], [-5.0, 5.0], []),
-     ([np.nan, 2.0], [2.0], []), ([np.nan], [0.5], []), ([], [0.5], [])],
+    [([1.0, 1.2, 0.9, 1.1, 90.0], [0.9, 1.2], [90.0]), ([-5.0, 5.0], [-5.0, 5.0], []),
+     ([0.0, 0.0], [0.0], []), ([np.nan, 2.0], [2.0], []), ([np.nan], [0.5], []), ([], [0.5], [])],
 )  # fmt: skip
 def test_axes_show_most_values(
     values: list[float], shown: list[float], left_out: list[float]
