@@ -402,6 +402,9 @@ def unit_conversion(factor: float) -> tuple[float, str]:
     return float(f"{factor:.3g}"), ""
 
 
+OUTLIER_BLOCK = 1 << 17  # samples whose table is held at once
+
+
 def _outliers(
     output: FloatArray, drive: FloatArray, order: int = 8
 ) -> tuple[float, float, int, int, int]:
@@ -417,16 +420,23 @@ def _outliers(
     count = wanted.shape[1]
     columns = [p[:, order - 1 - i : order - 1 - i + count] for i, p in enumerate(past)]
     columns += [drive[:, order - i : order - i + count] for i in range(4)]
-    table = np.stack([c.ravel() for c in columns], axis=1)
-    table /= np.sqrt(np.mean(table**2, axis=0)) + 1e-300
-    kept = np.ones(len(table), dtype=bool)
+    sizes = [math.sqrt(float(np.mean(c**2))) + 1e-300 for c in columns]
+    parts = [slice(begin, begin + OUTLIER_BLOCK) for begin in range(0, count, OUTLIER_BLOCK)]
+    kept, error = np.ones(wanted.shape, dtype=bool), np.empty(wanted.shape)
     for _ in range(3):
-        some = table * kept[:, None]
-        values = np.linalg.lstsq(some.T @ table, some.T @ wanted.ravel(), rcond=1e-13)[0]
-        error = np.abs(wanted.ravel() - table @ values)
+        products = np.zeros((len(columns), len(columns) + 1))
+        for part in parts:
+            table = np.array([c[:, part] / size for c, size in zip(columns, sizes, strict=True)])
+            both = np.concatenate([table, wanted[None, :, part]])
+            products += np.tensordot(table * kept[:, part], both, ([1, 2], [1, 2]))
+        values = np.linalg.lstsq(products[:, :-1], products[:, -1], rcond=1e-13)[0] / sizes
+        error[:] = wanted
+        for value, column in zip(values, columns, strict=True):
+            error -= value * column
+        np.abs(error, out=error)
         usual = float(np.median(error)) / 0.6745 + 1e-13
         kept = error < 6.0 * usual
-    far = np.flatnonzero(error > max(RECORDER.outlier[0] * usual, RECORDER.outlier[1]))
+    far = np.flatnonzero(error.ravel() > max(RECORDER.outlier[0] * usual, RECORDER.outlier[1]))
     events = int(np.count_nonzero(np.diff(far, prepend=-order - 1) > order))
     run, sample = divmod(int(far[0]) if far.size else 0, count)
     return float(error.max()) / usual, float(error.max()), events, run, sample + order
