@@ -27,7 +27,7 @@ Three things that decide over success:
   and x carry no noise of their own; a lag of one sample lets a regression find it.
 
 No structure holds every pilot: delays may be shorter, lags longer than the memory.  What that
-does to the estimate, the recording tells (`pilotid.second_step`): errors hold how far
+does to the estimate, the recording tells (`pilotid.likelihood.second_step`): errors hold how far
 prediction errors move it, and one that they move by five claimed errors is refused.
 Shorter lags, finer sampling, more poles and a longer memory, on pilots drawn at random, did not
 make up for it.
@@ -54,9 +54,14 @@ from pilotid.estimate.applicability import dependent_signals, looking_ahead, var
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.parts import FrequencyResponse
 from pilotid.likelihood.prediction import Prediction, predict
+from pilotid.likelihood.second_step import (
+    ResponseFit,
+    against_recording,
+    output_at_once,
+    second_step,
+)
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.second_step import ResponseFit, against_recording, output_at_once, second_step
 from pilotid.solve.least_squares import minimise, search
 from pilotid.spectral.regression import Regression, Structure, channel_response
 from pilotid.support.limits import ESTIMATE

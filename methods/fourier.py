@@ -45,9 +45,9 @@ from pilotid.element_fit import closing_element
 from pilotid.estimate.applicability import lines_objection, motionless_input
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.parts import AnalysedBand, FrequencyResponse
+from pilotid.likelihood.second_step import second_step
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.second_step import second_step
 from pilotid.solve.least_squares import minimise, search
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.spectral.equations import Equations, are_pilots, best_pilot

@@ -19,7 +19,7 @@ What a pilot makes of the textbook's recipe:
 - Thresholds apply to standardised columns and stay low.  A pilot with a coloured remnant
   is not sparse in lags: every term has its small share, and to prune more costs accuracy.
 - The estimate is held against the recording, as that of `arx` is
-  (`pilotid.second_step`).
+  (`pilotid.likelihood.second_step`).
 
 Assumes that the lags describe the remnant as well.  Two channels need two forcing functions, and
 no black box can do with a controlled element that is a mere gain.
@@ -43,9 +43,9 @@ from pilotid.estimate.applicability import dependent_signals, looking_ahead, var
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.parts import FrequencyResponse
 from pilotid.likelihood.prediction import predict
+from pilotid.likelihood.second_step import against_recording, output_at_once, second_step
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.second_step import against_recording, output_at_once, second_step
 from pilotid.spectral.regression import (
     BlackBox,
     Regression,

@@ -10,17 +10,17 @@ from helpers import NOMINAL, SINGLE_LOOP, fit_of, recording_of
 
 from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
 from pilotid.likelihood.prediction import predict
-from pilotid.methods.arx import ARX
-from pilotid.methods.sindy import SINDy
-from pilotid.model.catalogue import SINGLE
-from pilotid.model.element import position_control
-from pilotid.second_step import (
+from pilotid.likelihood.second_step import (
     MAX_MOVE,
     against_recording,
     moved,
     output_at_once,
     whitener,
 )
+from pilotid.methods.arx import ARX
+from pilotid.methods.sindy import SINDy
+from pilotid.model.catalogue import SINGLE
+from pilotid.model.element import position_control
 from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -13,12 +13,12 @@ from scipy.optimize import approx_fprime
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.parts import FrequencyResponse, circular, real_parts
+from pilotid.likelihood.second_step import ResponseFit, second_step
 from pilotid.model.catalogue import MULTI, SINGLE
 from pilotid.model.model import PilotModel
 from pilotid.plots.plots import response_figure
 from pilotid.recording.recording import Recording
 from pilotid.report.page import svg
-from pilotid.second_step import ResponseFit, second_step
 from pilotid.support.types import ComplexArray, FloatArray
 
 pytestmark = pytest.mark.numerical
