@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pilotid.checks.element_fit import closing_element
 from pilotid.datasets.recorder import Recorder, recorded_forcing, recorded_noise, recorded_remnant
 from pilotid.datasets.signals import (
     PERIOD,
@@ -22,7 +23,6 @@ from pilotid.datasets.signals import (
     paper_target,
     white,
 )
-from pilotid.element_fit import closing_element
 from pilotid.estimate.estimate import Estimate
 from pilotid.model.catalogue import ADAPTING, MULTI, SINGLE
 from pilotid.model.element import ControlledElement, double_integrator

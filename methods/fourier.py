@@ -41,7 +41,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.element_fit import closing_element
+from pilotid.checks.element_fit import closing_element
 from pilotid.estimate.applicability import lines_objection, motionless_input
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.parts import AnalysedBand, FrequencyResponse

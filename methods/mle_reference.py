@@ -29,7 +29,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.element_fit import closing_element
+from pilotid.checks.element_fit import closing_element
 from pilotid.estimate.applicability import varying
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.likelihood.estimates import make_estimate

@@ -14,8 +14,8 @@ from helpers import PILOTS
 from nonsense import LATE, PLANTED, SOUND, delayed, named, named_by_a_fit, stepped
 
 from pilotid.checks.checks import remarks
+from pilotid.checks.element_fit import SIGNALS, chosen_element
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.element_fit import SIGNALS, chosen_element
 from pilotid.recording.files import load_recording
 from pilotid.recording.recording import Recording, remembered
 from pilotid.recording.windows import of_runs

@@ -11,6 +11,7 @@ import pytest
 from helpers import NOMINAL, PILOTS, without_remnant
 from scipy.signal import cont2discrete, lfilter
 
+from pilotid.checks.element_fit import identified_element
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
 from pilotid.datasets.population import POPULATIONS
 from pilotid.datasets.recorder import Recorder
@@ -27,7 +28,6 @@ from pilotid.datasets.signals import (
     white,
 )
 from pilotid.datasets.simulation import remnant_ratio, white_level
-from pilotid.element_fit import identified_element
 from pilotid.model.element import double_integrator, position_control
 from pilotid.recording.recording import Recording
 from pilotid.support.types import ComplexArray, FloatArray, InputError

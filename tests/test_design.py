@@ -16,6 +16,7 @@ from scipy.optimize import LinearConstraint, minimize
 
 import pilotid
 from pilotid.bounds import bounds
+from pilotid.checks.element_fit import chosen_element
 from pilotid.datasets import scenario_named
 from pilotid.datasets.design import (
     LARGEST_SHARE,
@@ -31,7 +32,6 @@ from pilotid.datasets.design import (
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.named import fitted_scenario
 from pilotid.datasets.signals import Multisine, paper_target
-from pilotid.element_fit import chosen_element
 from pilotid.estimate.method import fit_all
 from pilotid.likelihood.optimum import BARTLETT_SECONDS
 from pilotid.methods import method_named

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, SINGLE_LOOP, recording_of
 
+from pilotid.checks.element_fit import OMEGA, chosen_element, differs, identified_element, rounded
 from pilotid.checks.element_forms import FORMS, HIGHEST, Form, fitted_form, spectra_of
 from pilotid.datasets import POPULATIONS, simulate
-from pilotid.element_fit import OMEGA, chosen_element, differs, identified_element, rounded
 from pilotid.model.element import ControlledElement, double_integrator, element_named
 from pilotid.recording.files import load_recording
 from pilotid.recording.recording import Recording

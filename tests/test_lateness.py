@@ -13,10 +13,10 @@ from checks.recorder import FAULTS, bare, noisy, rounded, with_zero
 import pilotid
 from pilotid.checks.checks import exchanged, remarks
 from pilotid.checks.detectors import findings
+from pilotid.checks.element_fit import recording_remarks
 from pilotid.checks.timing import shifted
 from pilotid.datasets import POPULATIONS, SCENARIOS, simulate
 from pilotid.datasets.signals import Remnant
-from pilotid.element_fit import recording_remarks
 from pilotid.estimate.method import identify
 from pilotid.methods import method_named
 from pilotid.recording.files import load_recording

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from helpers import SINGLE_LOOP, Run, strict
 
+from pilotid.checks.element_fit import chosen_element
 from pilotid.datasets import simulate
-from pilotid.element_fit import chosen_element
 from pilotid.estimate.method import fit_all
 from pilotid.estimate.quantities import sampled
 from pilotid.methods.bayes import Bayes

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, TypeVar, cast, overload
 
 import numpy as np
 
+from pilotid.checks.element_fit import recording_remarks
 from pilotid.datasets.named import AnyScenario, scenario_named
 from pilotid.datasets.population import Population
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import simulate as simulated
-from pilotid.element_fit import recording_remarks
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.method import Method
 from pilotid.estimate.method import identify as run_method

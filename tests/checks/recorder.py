@@ -20,9 +20,9 @@ from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi, sosfiltfilt
 
 from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import findings
+from pilotid.checks.element_fit import chosen_element
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
 from pilotid.datasets.population import drawn_forcing, drawn_pilot, drawn_remnant, reachable
-from pilotid.element_fit import chosen_element
 from pilotid.estimate.method import identify
 from pilotid.methods import method_named
 from pilotid.model.catalogue import MODELS

@@ -23,8 +23,8 @@ from recorder import FAULTS, bare, with_zero
 from stepping import TRUTH, stepped
 
 from pilotid.checks.checks import remarks
+from pilotid.checks.element_fit import chosen_element
 from pilotid.datasets import POPULATIONS, SCENARIOS, simulate
-from pilotid.element_fit import chosen_element
 from pilotid.estimate.method import identify
 from pilotid.methods import method_named
 from pilotid.model.catalogue import MODELS

@@ -218,7 +218,7 @@ def _fitted(
 
     The first has what was said of models, where there are several or none is named.
     """
-    from pilotid.element_fit import chosen_element
+    from pilotid.checks.element_fit import chosen_element
 
     choice = chosen_element(recording, plant)
     if len(named) == 1:

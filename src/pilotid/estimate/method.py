@@ -31,7 +31,7 @@ from pilotid.support.remarks import Remark, gravest_first, remark_of, remarks_js
 from pilotid.support.types import InputError, one_line, reason
 
 if TYPE_CHECKING:
-    from pilotid.element_fit import ElementChoice
+    from pilotid.checks.element_fit import ElementChoice
 
 #: The environment variable that asks for tracebacks of methods that raise.
 TRACEBACK = "PILOTID_TRACEBACK"
@@ -307,7 +307,7 @@ def fit_all(
         What is fitted to what.
     loop_element
         The controlled element that loops are drawn with, see
-        `pilotid.element_fit.chosen_element`; None for no loops.
+        `pilotid.checks.element_fit.chosen_element`; None for no loops.
     """
     closed = recording if loop_element is None else loop_element.named_in(recording)
     with redirect_stdout(sys.stderr):  # what methods of others print is no part of an answer

@@ -15,8 +15,8 @@ import numpy as np
 
 from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import copies_among, fingerprints
+from pilotid.checks.element_fit import chosen_element
 from pilotid.choice import compare_models, default_candidates
-from pilotid.element_fit import chosen_element
 from pilotid.estimate.estimate import Estimate, is_at_bound
 from pilotid.estimate.loops import Loops
 from pilotid.estimate.method import Method, fit_all, identify

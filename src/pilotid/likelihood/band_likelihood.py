@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.checks.detectors import band_end
-from pilotid.element_fit import closing_element
+from pilotid.checks.element_fit import closing_element
 from pilotid.likelihood.prepare import FAR
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pilotid.element_fit import closing_element
+from pilotid.checks.element_fit import closing_element
 from pilotid.estimate.parts import Specification, score_test
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum

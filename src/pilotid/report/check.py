@@ -11,8 +11,8 @@ import numpy as np
 
 from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import Finding, copies_among, findings, fingerprints
+from pilotid.checks.element_fit import ElementChoice, chosen_element
 from pilotid.checks.plant import plant_of
-from pilotid.element_fit import ElementChoice, chosen_element
 from pilotid.model.element import ControlledElement
 from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.recording.spectra import NotMultisineError, answers, lines_of

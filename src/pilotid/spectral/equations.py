@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from pilotid.checks.detectors import band_end
-from pilotid.element_fit import closing_element
+from pilotid.checks.element_fit import closing_element
 from pilotid.estimate.applicability import lines_objection
 from pilotid.estimate.estimate import is_at_bound
 from pilotid.estimate.parts import RemnantEstimate, Specification, score_test
