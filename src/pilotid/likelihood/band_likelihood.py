@@ -354,8 +354,10 @@ def weighting_of(
         the pilot varies in time or acts on an extra signal, so that the loop has no known
         frequency response.
     """
+    if model.no_loop:
+        return None
     element, unknown = closing_element(recording)
-    if model.no_loop or element is None:
+    if element is None:
         return None
     floors, nyquist = floors_of(recording), math.pi / dt
     inside = floors.omega <= nyquist

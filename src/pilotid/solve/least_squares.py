@@ -55,6 +55,10 @@ class LogTransform:
         return np.concatenate([slope, np.ones((len(values), 1))], axis=1)
 
 
+# glibc gives memory back after every evaluation, and takes it anew page by page, until it once saw
+# so large an array freed (mallopt(3), M_MMAP_THRESHOLD): 15 % of a fit of six runs.
+np.empty(3_900_000)
+
 BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor's cache
 
 #: Maps parameter sets (sets, p) to Gram matrices (sets, p + 1, p + 1), see `Problem.gram`.
