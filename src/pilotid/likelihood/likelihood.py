@@ -12,7 +12,7 @@ A remnant without parameters leaves the pilot's alone: `WHITE` is output error.
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -205,8 +205,11 @@ class Likelihood(Problem):
             Shape (parameters + 1,).
         """
         prediction, length = self.prediction, self.prediction.length
-        spectra = self._spectra(values[None])[0]
-        errors = plain = prediction.without_nuisance(prediction.samples_of(spectra[-1]))
+        found, parts = prediction.channel_parts(values[: self.pilot_count])
+        residual = prediction.control_spectrum - reduce(np.add, parts)
+        taps, slopes = self.noise.taps(values[None, self.pilot_count :], self.band)
+        filters = prediction.filter_response(np.concatenate([slopes[0], taps]))
+        errors = plain = prediction.without_nuisance(prediction.samples_of(filters[-1] * residual))
         if self.band_terms is not None:
             errors = prediction.without_nuisance(self.band_terms.filtered(errors))
         padded = np.zeros((prediction.runs, length))
@@ -218,6 +221,6 @@ class Likelihood(Problem):
             counted[-1] = 1.0 / length
         # What times a transform, summed over bins, is the product of its samples with the errors.
         adjoint = np.fft.rfft(padded).conj() * counted
-        last = (spectra.reshape(len(spectra), -1) @ adjoint.ravel()).real
-        last[-1] = np.vdot(plain, errors)
-        return np.asarray(last)
+        by_pilot = prediction.slopes_along(found, parts, filters[-1] * adjoint)
+        by_remnant = -(filters[:-1] @ np.sum(residual * adjoint, axis=0)).real
+        return np.concatenate([by_pilot, by_remnant, [np.vdot(plain, errors)]])

@@ -32,6 +32,7 @@ from pilotid.likelihood.prepare import (
     pad,
 )
 from pilotid.model.channel import Changing, Channel
+from pilotid.model.factors import Evaluated
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import BLOCK
@@ -428,6 +429,37 @@ class Prediction:
             for index, slope in zip(indices, slopes, strict=True):
                 spectrum[:, index] += (slope[:, None] if slope.ndim > 1 else slope) * total
         return spectrum
+
+    def channel_parts(self, values: FloatArray) -> tuple[list[Evaluated], list[ComplexArray]]:
+        """What parameters, shape (parameters,), make of the dynamics, and what each channel adds.
+
+        The latter are transforms of the prediction, shape (runs, bins).
+        """
+        found = self.model.evaluated(self.s, values[None])
+        responses = self.model.responses_of(found)
+        return found, [r[0] * own for r, own in zip(responses, self.inputs, strict=True)]
+
+    def slopes_along(
+        self, found: list[Evaluated], parts: list[ComplexArray], adjoint: ComplexArray
+    ) -> FloatArray:
+        """Products of the prediction's Jacobian with an adjoint, summed, shape (parameters,).
+
+        Parameters
+        ----------
+        found, parts
+            See `channel_parts`.
+        adjoint
+            What transforms are multiplied by, shape (runs, bins).
+        """
+        along = [np.sum(part * adjoint, axis=0) for part in parts]
+        products = np.zeros(len(self.model.parameters))
+        for (_, slopes), (_, indices), channels in zip(
+            found, self.model.moving, self.model.sharing, strict=True
+        ):
+            total = reduce(np.add, [along[c] for c in channels])
+            for index, slope in zip(indices, slopes, strict=True):
+                products[index] += np.sum(slope * total).real
+        return products
 
     @cached_property
     def inputs(self) -> list[ComplexArray]:
