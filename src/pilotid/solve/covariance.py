@@ -134,7 +134,7 @@ def score_products(rows: FloatArray, reach: int) -> FloatArray:
         Longest lag [samples].
     """
     scores = rows[:-1] * rows[-1]
-    half = (scores.shape[2] + reach + 1) // 2
+    half = 1 << (scores.shape[2] + reach).bit_length() - 1  # transforms of other lengths are slow
     share = np.minimum(np.arange(half + 1) / (reach + 1.0), 1.0)
     window = np.where(share < 0.5, 1.0 - 6.0 * share**2 + 6.0 * share**3, 2.0 * (1.0 - share) ** 3)
     smoothing = np.fft.hfft(window, n=2 * half)[: half + 1]
