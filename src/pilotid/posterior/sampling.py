@@ -36,8 +36,8 @@ SCOUTS, STAGES = 400, 8  # draws of each proposal, and proposals at the most
 #: Effective draws by dimension that end the search for a proposal, and that one is fitted to:
 #: weights that leave fewer, because few points have them all, are flattened.
 ENOUGH = 20.0
-PARTS, REFITS = 5, 3  # of mixtures fitted to chains, and how often one is, at the most
-SLOW = 6.0  # autocorrelation time [steps] from which on another mixture is worth its time
+PARTS, REFITS = 5, (66, 176, 352)  # of mixtures fitted to chains, and steps after each of these
+SLOW = 12.0  # autocorrelation time [steps] from which on another mixture is worth its time
 
 ENSEMBLES, WALKERS = 2, 24  # independent ensembles, and walkers of each at least
 INDEPENDENT = 0.9  # share of the moves that do not depend on the walkers
@@ -256,13 +256,13 @@ def sample(
         if draws.converged or done >= most:
             return draws
         times = float(np.max(draws.autocorrelation))
-        if refits < REFITS and times > SLOW:
+        if refits < len(REFITS) and times > SLOW:
             chains = np.concatenate([sampler.get_chain(flat=True) for sampler, _ in runs])
             every = np.full(len(chains), 1.0 / len(chains))
             proposal = fitted(chains, every, np.cov(chains.T), PARTS, rng)
             for sampler, _ in runs:
                 sampler.reset()
-            done, target, refits = 0, min(FIRST * 2 ** (refits + 1), most), refits + 1
+            done, target, refits = 0, min(REFITS[refits], most), refits + 1
             continue
         # A short run underestimates its autocorrelation time.
         kept = max(LONG, effective / (ENSEMBLES * count)) * times
