@@ -1,10 +1,17 @@
 """Simulated data sets whose truth is known."""
 
-from pilotid.datasets.named import CATALOGUE, AnyScenario, scenario_named
+from pilotid.datasets.named import (
+    CATALOGUE,
+    AnyScenario,
+    FixedTask,
+    fixed_tasks,
+    load_task,
+    reference_posterior,
+    scenario_named,
+)
 from pilotid.datasets.population import POPULATIONS, Population
 from pilotid.datasets.scenarios import SCENARIOS, Scenario
 from pilotid.datasets.simulation import simulate
-from pilotid.datasets.stored import FixedTask, fixed_tasks, load_task, reference_posterior
 
 __all__ = [
     "CATALOGUE",

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pilotid.datasets.signals import Multisine, TabulatedRemnant
-from pilotid.estimate.parts import RemnantEstimate
+from pilotid.estimate.quantities import RemnantEstimate
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of, known_lines
 from pilotid.support.types import FloatArray, InputError, IntArray

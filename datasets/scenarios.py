@@ -28,7 +28,7 @@ from pilotid.model.catalogue import ADAPTING, MULTI, SINGLE
 from pilotid.model.element import ControlledElement, double_integrator
 from pilotid.model.loops import is_stable, pilot_on
 from pilotid.model.model import PilotModel
-from pilotid.naming.settings import name_of
+from pilotid.naming import name_of
 from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.support.types import FloatArray, InputError
 

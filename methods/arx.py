@@ -50,9 +50,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimate.applicability import dependent_signals, looking_ahead, varying
 from pilotid.estimate.estimate import Estimate, Outcome, failed
-from pilotid.estimate.parts import FrequencyResponse
+from pilotid.estimate.quantities import FrequencyResponse
+from pilotid.estimate.warnings import dependent_signals, looking_ahead, varying
 from pilotid.likelihood.prediction import Prediction, predict
 from pilotid.likelihood.second_step import (
     ResponseFit,

@@ -42,9 +42,9 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.checks.element_fit import closing_element
-from pilotid.estimate.applicability import lines_objection, motionless_input
 from pilotid.estimate.estimate import Estimate, Outcome
-from pilotid.estimate.parts import AnalysedBand, FrequencyResponse
+from pilotid.estimate.quantities import AnalysedBand, FrequencyResponse
+from pilotid.estimate.warnings import lines_objection, motionless_input
 from pilotid.likelihood.second_step import second_step
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording

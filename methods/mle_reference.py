@@ -30,16 +30,15 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.checks.element_fit import closing_element
-from pilotid.estimate.applicability import varying
 from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.estimate.warnings import varying
+from pilotid.likelihood.diagnostics import Moments, forcing_functions, references
 from pilotid.likelihood.estimates import make_estimate
-from pilotid.likelihood.instruments import Moments, forcing_functions, references
 from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.loops import is_stable
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.covariance import covariance_of
-from pilotid.solve.intervals import profile_intervals
+from pilotid.solve.intervals import covariance_of, profile_intervals
 from pilotid.solve.least_squares import minimise
 from pilotid.support.numbers import CHI_SQUARED_95
 

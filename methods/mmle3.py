@@ -25,15 +25,15 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from pilotid.estimate.applicability import looking_ahead, varying
 from pilotid.estimate.estimate import Estimate, Outcome, failed
+from pilotid.estimate.warnings import looking_ahead, varying
 from pilotid.likelihood.estimates import make_estimate, too_short
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.prepare import Prepared
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.covariance import covariance_of
+from pilotid.solve.intervals import covariance_of
 from pilotid.support.remarks import Remark
 from pilotid.support.types import ComplexArray, FloatArray
 

@@ -36,10 +36,10 @@ from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS
 from pilotid.model.element import double_integrator, element_named
 from pilotid.model.loops import pilot_on
-from pilotid.posterior.likelihood import Posterior
+from pilotid.posterior import Posterior
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
-from pilotid.solve.covariance import covariance_of
+from pilotid.solve.intervals import covariance_of
 from pilotid.solve.least_squares import minimise
 from pilotid.support.numbers import recording_rng
 from pilotid.support.remarks import codes_of

@@ -22,7 +22,7 @@ from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
-from pilotid.posterior.likelihood import (
+from pilotid.posterior import (
     HalfCauchy,
     LogNormal,
     Normal,

@@ -12,9 +12,9 @@ from helpers import NOMINAL, PILOTS, Run, strict, without_remnant
 from pilotid.bounds import bounds
 from pilotid.datasets import Scenario, simulate
 from pilotid.datasets.experiments import experiment_of
-from pilotid.estimate.applicability import dependent_signals, motionless_input, shared_signals
 from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.method import Method, identify
+from pilotid.estimate.warnings import dependent_signals, motionless_input, shared_signals
 from pilotid.likelihood.prediction import predict
 from pilotid.methods import METHODS, method_named
 from pilotid.methods.fourier import Fourier

@@ -10,7 +10,7 @@ from helpers import NOMINAL, changing_half_way
 
 from pilotid.estimate.method import identify
 from pilotid.methods import method_named
-from pilotid.solve.covariance import score_dispersion
+from pilotid.solve.intervals import score_dispersion
 from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.remarks import codes_of
 

@@ -12,7 +12,7 @@ from helpers import Run
 from pilotid import Channel, PilotModel, Recording, identify
 from pilotid.checks.checks import remarks
 from pilotid.datasets.signals import PERIOD, paper_disturbance, paper_target
-from pilotid.estimate.applicability import unrecorded
+from pilotid.estimate.warnings import unrecorded
 from pilotid.model.factors import Delay, Gain, Lead, Neuromuscular
 from pilotid.recording.files import load_recording, save_recording
 from pilotid.recording.recording import joined

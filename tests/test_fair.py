@@ -16,9 +16,8 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.report.study_tables import ranked
-from pilotid.study.judge import judge
 from pilotid.study.study import Study
-from pilotid.study.table import Comparison
+from pilotid.study.table import Comparison, judge
 
 SCENARIOS = ("nominal", "population-usual")
 WIDE = 0.35  # relative standard error at which the adversaries give up

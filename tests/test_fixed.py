@@ -9,7 +9,7 @@ import pytest
 
 import pilotid
 from pilotid.datasets import fixed_tasks, load_task, scenario_named
-from pilotid.datasets.stored import TASKS
+from pilotid.datasets.named import TASKS
 from pilotid.study.run import recording_of, scenario_of, truths_of
 from pilotid.support.types import InputError
 

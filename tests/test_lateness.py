@@ -14,7 +14,7 @@ import pilotid
 from pilotid.checks.checks import exchanged, remarks
 from pilotid.checks.detectors import findings
 from pilotid.checks.element_fit import recording_remarks
-from pilotid.checks.timing import shifted
+from pilotid.checks.plant import shifted
 from pilotid.datasets import POPULATIONS, SCENARIOS, simulate
 from pilotid.datasets.signals import Remnant
 from pilotid.estimate.method import identify

@@ -15,9 +15,8 @@ import pytest
 from stores import KEYS, comparison, drawn, failed, finish
 
 from pilotid.study import scores
-from pilotid.study.judge import Verdict, judge
 from pilotid.study.scores import ALL, LOSS, loss_ratios
-from pilotid.study.table import Comparison, Fit, Store
+from pilotid.study.table import Comparison, Fit, Store, Verdict, judge
 from pilotid.support.types import FloatArray
 
 Row = Mapping[str, str]

@@ -21,8 +21,7 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.element import element_named
-from pilotid.solve.covariance import covariance_at_bounds
-from pilotid.solve.intervals import find_profile_end, profile_intervals
+from pilotid.solve.intervals import covariance_at_bounds, find_profile_end, profile_intervals
 from pilotid.solve.least_squares import minimise
 from pilotid.support.numbers import CHI_SQUARED_95, Z95
 from pilotid.support.types import FloatArray

@@ -12,7 +12,7 @@ from pilotid.datasets import scenario_named
 from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.signals import half_and_half_step
 from pilotid.estimate.estimate import Outcome
-from pilotid.likelihood.instruments import Moments, references
+from pilotid.likelihood.diagnostics import Moments, references
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods.mle_reference import MLEReference
 from pilotid.model.catalogue import ADAPTING

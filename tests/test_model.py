@@ -12,7 +12,7 @@ import pytest
 from helpers import NOMINAL, SINGLE_LOOP
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.estimate.applicability import made_for, motionless_input
+from pilotid.estimate.warnings import made_for, motionless_input
 from pilotid.likelihood.prediction import predict
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.channel import Channel

@@ -20,13 +20,16 @@ from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.methods.arx import ARX
 from pilotid.methods.bayes import Bayes
-from pilotid.naming.code import code_digest, load_object, packed, unpacked
-from pilotid.naming.settings import (
+from pilotid.naming import (
     as_typed,
+    code_digest,
     labelled,
+    load_object,
+    packed,
     split_call,
     split_list,
     to_jsonable,
+    unpacked,
     with_settings,
 )
 from pilotid.support.types import InputError

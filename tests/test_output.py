@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
-from pilotid.estimate.parts import FrequencyResponse
-from pilotid.estimate.quantities import Quantity
+from pilotid.estimate.quantities import FrequencyResponse, Quantity
 from pilotid.model.catalogue import MODELS, SINGLE
 from pilotid.support.disk import strict_json
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from helpers import SINGLE_LOOP, Run
 
-from pilotid.datasets import simulate, stored
-from pilotid.datasets.stored import PEOPLE, fetch, published
+from pilotid.datasets import named, simulate
+from pilotid.datasets.named import PEOPLE, fetch, published
 from pilotid.recording.files import save_recording
 from pilotid.support.types import InputError
 
@@ -25,7 +25,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where files are fetched to; every experiment has two small ones."""
     monkeypatch.setenv("PILOTID_DATA", str(tmp_path / "data"))
     files = {name: hashlib.sha256(content).hexdigest() for name, content in CONTENT.items()}
-    monkeypatch.setattr(stored, "published", lambda _: files)
+    monkeypatch.setattr(named, "published", lambda _: files)
     return tmp_path
 
 
@@ -83,7 +83,7 @@ def test_methods_are_compared_on_people(
     path = tmp_path / "yaw" / "subj1_C1.mat"
     save_recording(recording, path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    monkeypatch.setattr(stored, "published", lambda _: {path.name: digest})
+    monkeypatch.setattr(named, "published", lambda _: {path.name: digest})
     monkeypatch.setitem(PEOPLE, "yaw", {**PEOPLE["yaw"], "model": "single"})
     told = run(
         *("compare", "--people", "yaw", "--method", "mle-white,fourier"),

@@ -10,7 +10,7 @@ from helpers import NOMINAL
 
 from pilotid.datasets import simulate
 from pilotid.estimate.estimate import Outcome, failed
-from pilotid.experiment.performance import lines_shared, performance
+from pilotid.experiment.fits import lines_shared, performance
 from pilotid.support.numbers import recording_rng
 
 pytestmark = pytest.mark.numerical

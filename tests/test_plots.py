@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
-from pilotid.estimate.parts import FrequencyResponse, RemnantEstimate
+from pilotid.estimate.quantities import FrequencyResponse, RemnantEstimate
 from pilotid.methods.fourier import first_step_of
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.model import PilotModel

@@ -12,8 +12,7 @@ import pytest
 from stores import failed
 from test_study_report import Made, report
 
-from pilotid.study.judge import Verdict, judge
-from pilotid.study.table import Entry, Fit, Store, read_study
+from pilotid.study.table import Entry, Fit, Store, Verdict, judge, read_study
 
 KEYS = {"single": ("Kvis", "tdvis"), "rate": ("Kvis", "tdvis", "Km")}
 POPULATION = "population-usual"

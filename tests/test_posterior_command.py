@@ -19,7 +19,7 @@ from pilotid.model.catalogue import SINGLE
 from pilotid.model.element import double_integrator
 from pilotid.model.loops import margins
 from pilotid.recording.files import save_recording
-from pilotid.report.posterior import quantities_of
+from pilotid.report.fit import quantities_of
 
 RECORDING = simulate(SINGLE_LOOP, np.random.default_rng(31))
 

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from pilotid.estimate.quantities import Draws, shortest_interval
-from pilotid.posterior.sampling import (
+from pilotid.posterior import (
     FREEDOM,
     LogDensity,
     Mixture,

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimate.parts import real_parts
+from pilotid.estimate.quantities import real_parts
 from pilotid.spectral.regression import (
     Regression,
     Structure,

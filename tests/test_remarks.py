@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.estimate.applicability import one_signal
 from pilotid.estimate.estimate import Estimate, Outcome, symmetric_intervals
 from pilotid.estimate.method import identify
 from pilotid.estimate.quantities import Draws
-from pilotid.estimate.warnings import remarks_on
+from pilotid.estimate.warnings import one_signal, remarks_on
 from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.model import PilotModel

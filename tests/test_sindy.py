@@ -23,7 +23,7 @@ from helpers import (
 from pilotid.datasets import scenario_named
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import identify
-from pilotid.estimate.parts import FrequencyResponse
+from pilotid.estimate.quantities import FrequencyResponse
 from pilotid.methods.sindy import Library, SINDy, ensemble_covariance, prune, undetermined
 from pilotid.model.catalogue import MULTI, SINGLE
 from pilotid.model.model import PilotModel

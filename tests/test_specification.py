@@ -11,7 +11,7 @@ import pytest
 from pilotid.datasets import SCENARIOS, scenario_named, simulate
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.method import identify
-from pilotid.estimate.parts import Specification
+from pilotid.estimate.quantities import Specification
 from pilotid.methods import method_named
 from pilotid.model.catalogue import MODELS
 from pilotid.support.limits import ESTIMATE

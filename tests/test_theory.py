@@ -20,7 +20,7 @@ from pilotid.likelihood.prepare import Band, decimation
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MULTI
-from pilotid.solve.covariance import hessian, sandwich_of, score_products
+from pilotid.solve.intervals import hessian, sandwich_of, score_products
 from pilotid.study.run import truths_of
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray

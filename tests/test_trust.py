@@ -17,7 +17,7 @@ from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.signals import Multisine, Remnant, TabulatedRemnant, half_and_half_step
 from pilotid.estimate.estimate import Estimate, Outcome
-from pilotid.estimate.parts import Specification
+from pilotid.estimate.quantities import Specification
 from pilotid.likelihood.remnant_models import Autoregressive, LowPass, NoiseModel
 from pilotid.methods.mle import MLE
 from pilotid.model.catalogue import ADAPTING

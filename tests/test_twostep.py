@@ -12,7 +12,7 @@ from scipy.optimize import approx_fprime
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimate.estimate import Outcome
-from pilotid.estimate.parts import FrequencyResponse, circular, real_parts
+from pilotid.estimate.quantities import FrequencyResponse, circular, real_parts
 from pilotid.likelihood.second_step import ResponseFit, second_step
 from pilotid.model.catalogue import MULTI, SINGLE
 from pilotid.model.model import PilotModel

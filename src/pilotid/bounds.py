@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.model.model import PilotModel
-from pilotid.solve.covariance import covariance_of, hessian, sandwich_of
+from pilotid.solve.intervals import covariance_of, hessian, sandwich_of
 from pilotid.solve.least_squares import minimise
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 

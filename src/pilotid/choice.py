@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.checks.checks import motionless
-from pilotid.estimate.applicability import lines_objection, made_for, motionless_input
 from pilotid.estimate.estimate import at_bounds, bounds_reached
+from pilotid.estimate.warnings import lines_objection, made_for, motionless_input
 from pilotid.likelihood.estimates import simulated_vaf
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum
@@ -276,7 +276,7 @@ def fit_forced_response(
     ----------
     recording
         A recording whose lines can judge all of the models, see
-        `pilotid.estimate.applicability.lines_objection`.
+        `pilotid.estimate.warnings.lines_objection`.
     models
         The models, at least one.
     seed

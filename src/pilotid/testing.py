@@ -21,7 +21,7 @@ from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import Method, fault_of, identify, method_fault
 from pilotid.model.catalogue import model_named
 from pilotid.model.model import PilotModel
-from pilotid.naming.settings import labelled
+from pilotid.naming import labelled
 from pilotid.recording.recording import Recording
 
 #: Scenarios whose recordings a method is tried on, by the model that is fitted.

@@ -13,7 +13,7 @@ import sys
 
 import numpy as np
 
-from pilotid.datasets.stored import TASKS, fixed_tasks, load_task
+from pilotid.datasets.named import TASKS, fixed_tasks, load_task
 from pilotid.estimate.method import identify
 from pilotid.methods.bayes import Bayes
 from pilotid.support.numbers import fit_rng

@@ -21,7 +21,7 @@ from scipy.io import loadmat
 
 import pilotid
 from pilotid.estimate.estimate import Estimate
-from pilotid.estimate.parts import FrequencyResponse
+from pilotid.estimate.quantities import FrequencyResponse
 from pilotid.methods.fourier import Fourier
 from pilotid.model.catalogue import MODELS, SLOW
 from pilotid.model.channel import Channel

@@ -29,7 +29,7 @@ from pilotid.estimate.method import identify
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.bayes import Bayes
 from pilotid.model.loops import is_stable
-from pilotid.posterior.likelihood import LogNormal
+from pilotid.posterior import LogNormal
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
 

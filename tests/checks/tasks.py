@@ -7,7 +7,7 @@ import io
 import numpy as np
 
 from pilotid.datasets import scenario_named
-from pilotid.datasets.stored import TASKS
+from pilotid.datasets.named import TASKS
 from pilotid.recording.files import save_recording
 from pilotid.study.run import recording_of, scenario_of, truths_of
 from pilotid.support.disk import strict_json

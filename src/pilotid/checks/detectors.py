@@ -21,7 +21,7 @@ from pilotid.checks.element_forms import (
     simplest,
     spectra_in_window,
 )
-from pilotid.checks.timing import (
+from pilotid.checks.plant import (
     Answered,
     Relation,
     answered,

@@ -17,22 +17,16 @@ from typing import Annotated, NoReturn
 import typer
 
 from pilotid.cli import options, studies
-from pilotid.estimate.applicability import unrecorded
 from pilotid.estimate.method import Fitted, Method, fit_all
+from pilotid.estimate.warnings import unrecorded
 from pilotid.model.catalogue import AUTO, MODELS, model_named
 from pilotid.model.element import ControlledElement, element_named
 from pilotid.model.model import PilotModel
-from pilotid.naming.settings import labelled
+from pilotid.naming import labelled
 from pilotid.recording.files import Reading, read_with, save_recording
 from pilotid.recording.recording import Recording
 from pilotid.recording.windows import sidecar_path, stem_of
-from pilotid.support.disk import (
-    path_shown,
-    require_folder,
-    require_free,
-    strict_json,
-    write_file,
-)
+from pilotid.support.disk import path_shown, require_folder, require_free, strict_json, write_file
 from pilotid.support.format import Line, make_console, show, show_warning, with_bar
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.support.remarks import OF_STICK, codes_in
@@ -278,7 +272,7 @@ def posterior(
 ) -> None:
     """Sample the posterior of a pilot model's parameters with emcee."""
     from pilotid.methods.bayes import Bayes
-    from pilotid.report.posterior import print_posterior, quantities_of, write_posterior
+    from pilotid.report.fit import print_posterior, quantities_of, write_posterior
 
     plant = element_named(element) if element else None
     models = [] if model == AUTO else [model_named(model)]

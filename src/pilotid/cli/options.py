@@ -16,7 +16,7 @@ from pilotid.estimate.method import Method
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import AUTO, model_named, with_held
 from pilotid.model.model import PilotModel
-from pilotid.naming.settings import split_list
+from pilotid.naming import split_list
 from pilotid.recording.files import Reading, read_with
 from pilotid.recording.recording import Recording
 from pilotid.support import disk

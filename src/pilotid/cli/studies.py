@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from pilotid.cli import options
-from pilotid.datasets.stored import PEOPLE, fetch, recordings_in
+from pilotid.datasets.named import PEOPLE, fetch, recordings_in
 from pilotid.model.catalogue import AUTO
 from pilotid.model.element import element_named
-from pilotid.naming.settings import split_list
+from pilotid.naming import split_list
 from pilotid.recording.files import Reading, load_recording, read_with
 from pilotid.support import disk
 from pilotid.support.format import Line, make_console, show, table, with_bar

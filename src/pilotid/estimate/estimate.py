@@ -13,19 +13,17 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from pilotid.estimate.loops import Loops, loops_of
-from pilotid.estimate.parts import (
-    AnalysedBand,
-    FrequencyResponse,
-    RemnantEstimate,
-    Specification,
-    plain_fields,
-)
 from pilotid.estimate.quantities import (
+    AnalysedBand,
     Draws,
+    FrequencyResponse,
     Pair,
     Quantity,
+    RemnantEstimate,
+    Specification,
     combined,
     frame_of,
+    plain_fields,
     quantity_tables,
     spans_decade,
 )

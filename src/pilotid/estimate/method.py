@@ -18,11 +18,10 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from pilotid.checks.checks import remarks
-from pilotid.estimate.applicability import made_for, motionless_input
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.loops import Loops
-from pilotid.estimate.parts import AnalysedBand
-from pilotid.estimate.warnings import all_remarks
+from pilotid.estimate.quantities import AnalysedBand
+from pilotid.estimate.warnings import all_remarks, made_for, motionless_input
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import NotMultisineError, forcing_sines

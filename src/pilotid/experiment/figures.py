@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pilotid.estimate.parts import FrequencyResponse
-from pilotid.estimate.quantities import symbol, unit_words
+from pilotid.estimate.quantities import FrequencyResponse, symbol, unit_words
 from pilotid.experiment.files import CONDITION, SUBJECT, in_order
 from pilotid.experiment.results import LEFT_OUT, MEASURED, Results
 from pilotid.plots.responses import Bode

@@ -27,7 +27,7 @@ from pilotid.likelihood.prepare import analysis_band, lowpass
 from pilotid.likelihood.remnant_models import best_noise_model, filter_of
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.covariance import REACH, covariance_of, score_products
+from pilotid.solve.intervals import REACH, covariance_of, score_products
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray, InputError
@@ -170,7 +170,7 @@ def too_short(problem: Likelihood, values: FloatArray) -> tuple[Remark, ...]:
     """A remark where the residual is coloured, with what that does to errors claimed as if white.
 
     The scores' variance over what it would be of a white residual is that of the errors, as in
-    `pilotid.solve.covariance.sandwich_of`.
+    `pilotid.solve.intervals.sandwich_of`.
 
     Parameters
     ----------

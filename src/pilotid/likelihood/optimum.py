@@ -10,14 +10,14 @@ from functools import cached_property
 import numpy as np
 
 from pilotid.estimate.estimate import Starts
-from pilotid.estimate.parts import AnalysedBand, RemnantEstimate
+from pilotid.estimate.quantities import AnalysedBand, RemnantEstimate
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction
 from pilotid.likelihood.remnant_models import BandPass, criterion
 from pilotid.model.loops import are_stable
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
-from pilotid.solve.covariance import covariance_of, score_dispersion
+from pilotid.solve.intervals import covariance_of, score_dispersion
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit

@@ -20,8 +20,7 @@ import numpy as np
 from pilotid.estimate.estimate import Estimate, is_at_bound
 from pilotid.likelihood.optimum import Optimum
 from pilotid.model.factors import Neuromuscular
-from pilotid.solve.covariance import covariance_at_bounds, covariance_of
-from pilotid.solve.intervals import Profile, profile_intervals
+from pilotid.solve.intervals import Profile, covariance_at_bounds, covariance_of, profile_intervals
 from pilotid.solve.least_squares import Bounds, Box, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO, Z95
 from pilotid.support.types import BoolArray, FloatArray

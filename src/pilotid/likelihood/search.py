@@ -23,8 +23,8 @@ from operator import attrgetter
 
 import numpy as np
 
-from pilotid.estimate.applicability import lines_objection
 from pilotid.estimate.estimate import Starts, is_at_bound
+from pilotid.estimate.warnings import lines_objection
 from pilotid.likelihood.band_likelihood import weighting_of
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import (

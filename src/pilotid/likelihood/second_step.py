@@ -20,15 +20,14 @@ from dataclasses import replace
 import numpy as np
 
 from pilotid.estimate.estimate import Estimate, Outcome, failed, outcome_of
-from pilotid.estimate.parts import FrequencyResponse, real_parts
+from pilotid.estimate.quantities import FrequencyResponse, real_parts
 from pilotid.likelihood.estimates import make_estimate, starts_of
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction
 from pilotid.likelihood.remnant_models import Whitener
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.covariance import covariance_of
-from pilotid.solve.intervals import profile_intervals
+from pilotid.solve.intervals import covariance_of, profile_intervals
 from pilotid.solve.least_squares import Problem, minimise, search
 from pilotid.support.numbers import Z95, chi_squared_limit
 from pilotid.support.types import FloatArray

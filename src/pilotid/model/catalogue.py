@@ -26,8 +26,7 @@ from pilotid.model.factors import (
     Neuromuscular,
 )
 from pilotid.model.model import PilotModel
-from pilotid.naming.code import is_place, load_object
-from pilotid.naming.settings import from_catalogue, name_of, require_name
+from pilotid.naming import from_catalogue, is_place, load_object, name_of, require_name
 from pilotid.support.types import InputError, reason
 
 

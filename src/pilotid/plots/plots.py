@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.estimate.estimate import Estimate
-from pilotid.estimate.parts import FrequencyResponse
-from pilotid.estimate.quantities import TAILS, Draws
+from pilotid.estimate.quantities import TAILS, Draws, FrequencyResponse
 from pilotid.likelihood.estimates import correlations, prediction_errors
 from pilotid.model.element import ControlledElement
 from pilotid.plots.responses import NO_UNITS, describing_function, open_loop

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pilotid.estimate.estimate import Estimate
-from pilotid.estimate.parts import FrequencyResponse
+from pilotid.estimate.quantities import FrequencyResponse
 from pilotid.model.element import ControlledElement, as_element
 from pilotid.model.loops import loop_slopes, margins, open_loops
 from pilotid.model.model import PilotModel

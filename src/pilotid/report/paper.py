@@ -15,7 +15,7 @@ from pilotid.datasets import SCENARIOS
 from pilotid.datasets.signals import paper_disturbance, paper_target
 from pilotid.plots.style import INK, colour_of, draw_grid, journal_figure, marker_of
 from pilotid.report.page import Figure, write_page
-from pilotid.report.study_figures import panelled
+from pilotid.report.study import panelled
 from pilotid.study.paper import (
     BIAS,
     DEVIATION,

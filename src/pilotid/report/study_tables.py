@@ -11,17 +11,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pilotid.estimate.estimate import Outcome
-from pilotid.study.judge import (
+from pilotid.study.scores import geometric_mean, loss_text
+from pilotid.study.table import (
     EFFICIENT,
     USABLE,
+    Comparison,
     Verdict,
     fails_often,
     is_ranked,
     judge,
     worst_parameter,
 )
-from pilotid.study.scores import geometric_mean, loss_text
-from pilotid.study.table import Comparison
 from pilotid.study.trust import TRUST
 from pilotid.support.format import NONE, Columns, Table, number, plus_minus, share, table, table_of
 

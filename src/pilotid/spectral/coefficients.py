@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.estimate.parts import FrequencyResponse, circular
+from pilotid.estimate.quantities import FrequencyResponse, circular
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import coefficients_at, forcing_lines

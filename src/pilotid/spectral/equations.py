@@ -17,15 +17,14 @@ import numpy as np
 
 from pilotid.checks.detectors import band_end
 from pilotid.checks.element_fit import closing_element
-from pilotid.estimate.applicability import lines_objection
 from pilotid.estimate.estimate import is_at_bound
-from pilotid.estimate.parts import RemnantEstimate, Specification, score_test
-from pilotid.estimate.quantities import spans_decade
+from pilotid.estimate.quantities import RemnantEstimate, Specification, score_test, spans_decade
+from pilotid.estimate.warnings import lines_objection
 from pilotid.model.loops import are_stable
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
-from pilotid.solve.covariance import covariance_of
+from pilotid.solve.intervals import covariance_of
 from pilotid.solve.least_squares import Minima, Problem, minimise, search, solve_linear
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.support.numbers import Z95
@@ -121,7 +120,7 @@ def fit_lines(
     Parameters
     ----------
     recording, model
-        What is fitted; `pilotid.estimate.applicability.lines_objection` has none.
+        What is fitted; `pilotid.estimate.warnings.lines_objection` has none.
     rng
         Draws the random starts.
     starts

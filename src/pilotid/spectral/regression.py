@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.estimate.parts import FrequencyResponse, real_parts
+from pilotid.estimate.quantities import FrequencyResponse, real_parts
 from pilotid.model.model import PilotModel
 from pilotid.support.types import ComplexArray, FloatArray, IntArray
 
@@ -230,7 +230,7 @@ class BlackBox:
 
         Returns
         -------
-        Responses (inputs, n), and the covariance of `pilotid.estimate.parts.real_parts` of them.
+        Responses (inputs, n), and the covariance of their `pilotid.estimate.quantities.real_parts`.
         """
         poles, shift = self.structure.poles, np.exp(-1j * omega * dt)
         down = shift ** np.arange(1, poles + 1)[:, None]

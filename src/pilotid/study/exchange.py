@@ -20,7 +20,7 @@ from pilotid.datasets import scenario_named
 from pilotid.datasets.named import truth
 from pilotid.estimate.estimate import Outcome
 from pilotid.model.model import PilotModel
-from pilotid.naming.settings import name_of
+from pilotid.naming import name_of
 from pilotid.recording.files import save_recording
 from pilotid.recording.recording import Recording
 from pilotid.study.run import recorded, recording_of, scenario_of, started, with_truth

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
+from pilotid.datasets.named import folder_of, recordings_in
 from pilotid.datasets.scenarios import PILOT_AT_REST, PILOT_IN_MOTION
-from pilotid.datasets.stored import folder_of, recordings_in
 from pilotid.estimate.method import identify
 from pilotid.methods import method_named
 from pilotid.model.catalogue import MULTI, SINGLE

@@ -20,7 +20,7 @@ from pilotid.estimate.warnings import LEFT_OPEN
 from pilotid.methods import label_of
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
-from pilotid.naming.code import unpacked
+from pilotid.naming import unpacked
 from pilotid.recording.recording import Recording
 from pilotid.study.table import Fit
 from pilotid.support.jobs import Loss
@@ -46,7 +46,7 @@ class Task:
     seed
         Seed of all random numbers.
     content
-        Scenario and method, see `pilotid.naming.code.packed`.
+        Scenario and method, see `pilotid.naming.packed`.
     """
 
     key: Key

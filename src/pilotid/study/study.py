@@ -21,8 +21,7 @@ from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.estimate.method import Method
 from pilotid.methods import METHODS, label_of, method_named
-from pilotid.naming.code import code_digest, packed
-from pilotid.naming.settings import labelled, to_jsonable
+from pilotid.naming import code_digest, labelled, packed, to_jsonable
 from pilotid.study import paper
 from pilotid.study.run import (
     OUTSIDE,

@@ -19,14 +19,13 @@ from pilotid.datasets import AnyScenario, Scenario
 from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.method import Method, identify
-from pilotid.estimate.parts import Specification
+from pilotid.estimate.quantities import Specification
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import MODELS
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.study.judge import judge
 from pilotid.study.study import Bar, Study
-from pilotid.study.table import Comparison
+from pilotid.study.table import Comparison, judge
 from pilotid.support.disk import make_folder, strict_json, write_file
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.types import FloatArray, InputError
