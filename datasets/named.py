@@ -31,7 +31,11 @@ from pilotid.model.catalogue import MODELS, model_named
 from pilotid.model.element import ControlledElement
 from pilotid.model.loops import margins
 from pilotid.model.model import PilotModel
-from pilotid.naming import (
+from pilotid.recording.files import load_recording
+from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import known_lines
+from pilotid.support.disk import require_file
+from pilotid.support.naming import (
     from_catalogue,
     is_place,
     load_object,
@@ -39,10 +43,6 @@ from pilotid.naming import (
     require_name,
     to_jsonable,
 )
-from pilotid.recording.files import load_recording
-from pilotid.recording.recording import Recording
-from pilotid.recording.spectra import known_lines
-from pilotid.support.disk import require_file
 from pilotid.support.types import FloatArray, InputError
 
 #: What a study has recordings of: both have a name, a description, and `drawn`, which gives

@@ -28,8 +28,8 @@ from pilotid.model.catalogue import ADAPTING, MULTI, SINGLE
 from pilotid.model.element import ControlledElement, double_integrator
 from pilotid.model.loops import is_stable, pilot_on
 from pilotid.model.model import PilotModel
-from pilotid.naming import name_of
 from pilotid.recording.recording import SIGNALS, Recording
+from pilotid.support.naming import name_of
 from pilotid.support.types import FloatArray, InputError
 
 #: The pilots of AIAA 2008-7109 with motion (Kvis, tlead, tdvis, Kvest, tdvest, fnm, dnm) and

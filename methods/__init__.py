@@ -16,7 +16,7 @@ from pilotid.methods.mle_reference import MLEReference
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3
 from pilotid.methods.sindy import SINDy
-from pilotid.naming import from_catalogue, is_place, labelled, load_object
+from pilotid.support.naming import from_catalogue, is_place, labelled, load_object
 from pilotid.support.types import InputError
 
 #: The methods by name, in the order of tables and figures.

@@ -5,7 +5,7 @@ parameters are sampled along with the pilot's.  The variance of the prediction e
 the coefficients of an autoregressive remnant, are integrated out in closed form.  Which
 family of remnants it is (low-pass of some order, band-pass, or autoregressive) is decided
 once, by the criterion that `mle` uses, and named in the result: the posterior is given it.
-Priors are proper and weak, see `pilotid.posterior` and docs/theory/posterior.md.
+Priors are proper and weak, see `pilotid.likelihood.posterior` and docs/theory/posterior.md.
 
 The value of a parameter is its posterior mean on the scale it is sampled on, the logarithm
 for positive parameters; standard errors are posterior standard deviations.
@@ -36,10 +36,10 @@ from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.warnings import is_vague, one_signal
 from pilotid.likelihood.estimates import make_estimate, too_short
 from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.posterior import Posterior, Prior, priors_of, sample
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.model import PilotModel
-from pilotid.posterior import Posterior, Prior, priors_of, sample
 from pilotid.recording.recording import Recording
 
 #: Measured on the scenario disturbance-only: samplers that start from different summits end with

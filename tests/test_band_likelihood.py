@@ -23,6 +23,7 @@ from pilotid.likelihood.band_likelihood import (
     weighting_of,
 )
 from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.posterior import Posterior
 from pilotid.likelihood.prediction import Prediction, predict
 from pilotid.likelihood.remnant_models import (
     Autoregressive,
@@ -36,7 +37,6 @@ from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS
 from pilotid.model.element import double_integrator, element_named
 from pilotid.model.loops import pilot_on
-from pilotid.posterior import Posterior
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
 from pilotid.solve.intervals import covariance_of

@@ -14,6 +14,14 @@ from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import identify
 from pilotid.estimate.quantities import Draws
 from pilotid.likelihood.likelihood import Likelihood
+from pilotid.likelihood.posterior import (
+    HalfCauchy,
+    LogNormal,
+    Normal,
+    Posterior,
+    default_prior,
+    priors_of,
+)
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.prepare import analysis_band, prediction_error_filters
 from pilotid.likelihood.remnant_models import Autoregressive, LowPass, NoiseModel
@@ -22,14 +30,6 @@ from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
-from pilotid.posterior import (
-    HalfCauchy,
-    LogNormal,
-    Normal,
-    Posterior,
-    default_prior,
-    priors_of,
-)
 from pilotid.support.numbers import recording_rng
 from pilotid.support.types import FloatArray, InputError
 

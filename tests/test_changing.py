@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from helpers import recording_of, without_remnant
 
-from pilotid.choice import default_candidates
 from pilotid.datasets import SCENARIOS, Scenario, experiments, simulate
 from pilotid.datasets.experiments import bound_of
 from pilotid.datasets.named import scenario_named
@@ -17,6 +16,7 @@ from pilotid.datasets.stepping import stepped
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import identify
 from pilotid.estimate.warnings import remarks_on
+from pilotid.likelihood.choice import default_candidates
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.profile import over_changes
 from pilotid.likelihood.search import maximise_likelihood

@@ -18,7 +18,6 @@ from statsmodels.stats.anova import AnovaRM
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.power import TTestPower
 
-from pilotid.choice import Candidate, Choice
 from pilotid.estimate.quantities import SYMBOLS, symbol
 from pilotid.experiment.comparisons import (
     anova,
@@ -39,6 +38,7 @@ from pilotid.experiment.figures import (
 from pilotid.experiment.files import Part, with_factors
 from pilotid.experiment.report import means_tables, notable_contrasts, tables_tex
 from pilotid.experiment.results import Fitting, Results, Settings, results_of
+from pilotid.likelihood.choice import Candidate, Choice
 from pilotid.model.catalogue import MODELS
 from pilotid.support.types import InputError
 

@@ -16,7 +16,7 @@ from scipy.io import loadmat
 
 from pilotid import MODELS, identify, load_recording
 from pilotid.checks.checks import remarks
-from pilotid.choice import by_likelihood
+from pilotid.likelihood.choice import by_likelihood
 from pilotid.methods.fourier import Fourier
 
 FOLLOWING = MODELS["following"]

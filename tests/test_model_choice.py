@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, PILOTS, SINGLE_LOOP
 
-from pilotid.choice import (
+from pilotid.datasets import simulate
+from pilotid.likelihood.choice import (
     Candidate,
     by_likelihood,
     choose_jointly,
@@ -19,7 +20,6 @@ from pilotid.choice import (
     fit_forced_response,
     select,
 )
-from pilotid.datasets import simulate
 from pilotid.model.catalogue import MODELS
 from pilotid.recording.files import load_recording
 from pilotid.recording.recording import Recording

@@ -20,7 +20,7 @@ from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.methods.arx import ARX
 from pilotid.methods.bayes import Bayes
-from pilotid.naming import (
+from pilotid.support.naming import (
     as_typed,
     code_digest,
     labelled,

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from pilotid.estimate.quantities import Draws, shortest_interval
-from pilotid.posterior import (
+from pilotid.likelihood.posterior import (
     FREEDOM,
     LogDensity,
     Mixture,

@@ -27,8 +27,8 @@ from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, ranged, rec
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
-    from pilotid.choice import Selection
     from pilotid.datasets.design import Design
+    from pilotid.likelihood.choice import Selection
     from pilotid.report.check import Checked
     from pilotid.study.table import Comparison
     from pilotid.study.trust import Trust
@@ -149,7 +149,7 @@ def which_model(
     Selection
         The model, the reason in words, and the figures of all candidates.
     """
-    from pilotid.choice import select
+    from pilotid.likelihood.choice import select
 
     named = [_model(m) for m in models]
     _require(recording, Recording, "recording")

@@ -21,8 +21,8 @@ from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import Method, fault_of, identify, method_fault
 from pilotid.model.catalogue import model_named
 from pilotid.model.model import PilotModel
-from pilotid.naming import labelled
 from pilotid.recording.recording import Recording
+from pilotid.support.naming import labelled
 
 #: Scenarios whose recordings a method is tried on, by the model that is fitted.
 SCENARIOS = {"single": KNOWN["single"], "multi": KNOWN["nominal"]}

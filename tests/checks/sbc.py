@@ -26,10 +26,10 @@ import numpy as np
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.estimate.method import identify
+from pilotid.likelihood.posterior import LogNormal
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.bayes import Bayes
 from pilotid.model.loops import is_stable
-from pilotid.posterior import LogNormal
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
 

@@ -22,12 +22,12 @@ from pilotid.estimate.warnings import unrecorded
 from pilotid.model.catalogue import AUTO, MODELS, model_named
 from pilotid.model.element import ControlledElement, element_named
 from pilotid.model.model import PilotModel
-from pilotid.naming import labelled
 from pilotid.recording.files import Reading, read_with, save_recording
 from pilotid.recording.recording import Recording
 from pilotid.recording.windows import sidecar_path, stem_of
 from pilotid.support.disk import path_shown, require_folder, require_free, strict_json, write_file
 from pilotid.support.format import Line, make_console, show, show_warning, with_bar
+from pilotid.support.naming import labelled
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.support.remarks import OF_STICK, codes_in
 from pilotid.support.types import InputError
@@ -217,7 +217,7 @@ def _fitted(
     choice = chosen_element(recording, plant)
     if len(named) == 1:
         return [fit_all(recording, named[0], methods, seed, choice)]
-    from pilotid.choice import select
+    from pilotid.likelihood.choice import select
 
     found = select(choice.named_in(recording), named, seed, fix)
     models = named or [found.model]

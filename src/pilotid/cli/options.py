@@ -16,11 +16,11 @@ from pilotid.estimate.method import Method
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import AUTO, model_named, with_held
 from pilotid.model.model import PilotModel
-from pilotid.naming import split_list
 from pilotid.recording.files import Reading, read_with
 from pilotid.recording.recording import Recording
 from pilotid.support import disk
 from pilotid.support.disk import strict_json, write_file
+from pilotid.support.naming import split_list
 from pilotid.support.numbers import ranged
 from pilotid.support.types import InputError
 
@@ -175,7 +175,7 @@ def models_of(text: str, fix: str | None) -> list[PilotModel]:
 
 def selected_model(recording: Recording, name: str, seed: int) -> PilotModel:
     """The model of that name, or the one best supported by the recording."""
-    from pilotid.choice import select
+    from pilotid.likelihood.choice import select
 
     return select(recording, seed=seed).model if name == AUTO else model_named(name)
 

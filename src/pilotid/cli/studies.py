@@ -12,10 +12,10 @@ from pilotid.cli import options
 from pilotid.datasets.named import PEOPLE, fetch, recordings_in
 from pilotid.model.catalogue import AUTO
 from pilotid.model.element import element_named
-from pilotid.naming import split_list
 from pilotid.recording.files import Reading, load_recording, read_with
 from pilotid.support import disk
 from pilotid.support.format import Line, make_console, show, table, with_bar
+from pilotid.support.naming import split_list
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.types import InputError
 

@@ -22,7 +22,6 @@ import numpy as np
 from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import copies_among, fingerprints
 from pilotid.checks.element_fit import chosen_element
-from pilotid.choice import compare_models, default_candidates
 from pilotid.estimate.estimate import Estimate, is_at_bound
 from pilotid.estimate.loops import Loops
 from pilotid.estimate.method import Method, fit_all, identify
@@ -41,16 +40,17 @@ from pilotid.experiment.results import (
     choices_of,
     results_of,
 )
+from pilotid.likelihood.choice import compare_models, default_candidates
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.fourier import first_step_of
 from pilotid.model.model import PilotModel
-from pilotid.naming import code_digest, packed, to_jsonable, unpacked
 from pilotid.recording.files import Reading
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import known_lines
 from pilotid.recording.windows import of_runs, span_of
 from pilotid.support.format import with_bar
 from pilotid.support.jobs import Loss, own_digest, processors, run_tasks
+from pilotid.support.naming import code_digest, packed, to_jsonable, unpacked
 from pilotid.support.numbers import LEVEL, fit_rng
 from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.store import Rows
@@ -170,7 +170,7 @@ class Task(NamedTuple):
     part
         The recording.
     code
-        The other arguments, see `pilotid.naming.packed`.
+        The other arguments, see `pilotid.support.naming.packed`.
     """
 
     key: str

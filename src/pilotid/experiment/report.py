@@ -14,7 +14,6 @@ from pilotid.experiment.figures import figures
 from pilotid.experiment.files import CONDITION, SUBJECT, in_order
 from pilotid.experiment.results import LEFT_OUT, MEASURED, Results
 from pilotid.report.page import FIGURES, save_figures, write_page
-from pilotid.study.study import about_this
 from pilotid.support.format import (
     NONE,
     Table,
@@ -27,6 +26,7 @@ from pilotid.support.format import (
     to_error,
     unsigned,
 )  # fmt: skip
+from pilotid.support.jobs import about_this
 from pilotid.support.numbers import LEVEL
 from pilotid.support.remarks import Remark, counted_grades, gravest_first
 from pilotid.support.types import printable

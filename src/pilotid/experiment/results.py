@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
-from pilotid.choice import Candidate, Choice, choose_jointly, choose_model
 from pilotid.estimate.method import Method
 from pilotid.experiment.files import CONDITION, SUBJECT, Part, in_order
+from pilotid.likelihood.choice import Candidate, Choice, choose_jointly, choose_model
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import Reading

@@ -26,7 +26,7 @@ from pilotid.model.factors import (
     Neuromuscular,
 )
 from pilotid.model.model import PilotModel
-from pilotid.naming import from_catalogue, is_place, load_object, name_of, require_name
+from pilotid.support.naming import from_catalogue, is_place, load_object, name_of, require_name
 from pilotid.support.types import InputError, reason
 
 

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pilotid.naming import as_typed
 from pilotid.plots.style import INK, WIDTH, colour_of, journal_style, marker_of
 from pilotid.report.page import FIGURES, Figure, render, save_figures, write_page
 from pilotid.report.study_tables import (
@@ -33,6 +32,7 @@ from pilotid.study.scores import ALL, EFFICIENT, loss_text
 from pilotid.study.table import LIMITS, USABLE, Comparison, is_ranked, worst_parameter
 from pilotid.support.disk import write_file
 from pilotid.support.format import Table, table
+from pilotid.support.naming import as_typed
 from pilotid.support.numbers import Z95
 from pilotid.support.types import FloatArray
 

@@ -20,12 +20,12 @@ from pilotid.datasets import scenario_named
 from pilotid.datasets.named import truth
 from pilotid.estimate.estimate import Outcome
 from pilotid.model.model import PilotModel
-from pilotid.naming import name_of
 from pilotid.recording.files import save_recording
 from pilotid.recording.recording import Recording
 from pilotid.study.run import recorded, recording_of, scenario_of, started, with_truth
 from pilotid.study.table import OF_METHODS, Entry, Fit, Store
 from pilotid.support.disk import make_folder, require_file, require_folder, strict_json, write_file
+from pilotid.support.naming import name_of
 from pilotid.support.store import number
 from pilotid.support.types import InputError, reason
 

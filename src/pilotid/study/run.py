@@ -20,10 +20,10 @@ from pilotid.estimate.warnings import LEFT_OPEN
 from pilotid.methods import label_of
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
-from pilotid.naming import unpacked
 from pilotid.recording.recording import Recording
 from pilotid.study.table import Fit
 from pilotid.support.jobs import Loss
+from pilotid.support.naming import unpacked
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng, start_rng
 from pilotid.support.remarks import codes_of
 from pilotid.support.store import Key, number
@@ -46,7 +46,7 @@ class Task:
     seed
         Seed of all random numbers.
     content
-        Scenario and method, see `pilotid.naming.packed`.
+        Scenario and method, see `pilotid.support.naming.packed`.
     """
 
     key: Key

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import platform
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,7 +19,6 @@ from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.estimate.method import Method
 from pilotid.methods import METHODS, label_of, method_named
-from pilotid.naming import code_digest, labelled, packed, to_jsonable
 from pilotid.study import paper
 from pilotid.study.run import (
     OUTSIDE,
@@ -34,23 +31,11 @@ from pilotid.study.run import (
 )
 from pilotid.study.table import OF_METHODS, OF_SCENARIOS, Comparison, Entry, Fit, Store
 from pilotid.support.disk import make_folder
-from pilotid.support.jobs import TIME_LIMIT, own_digest, run_tasks
+from pilotid.support.jobs import TIME_LIMIT, about_this, run_tasks
+from pilotid.support.naming import code_digest, labelled, packed, to_jsonable
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.store import Key
 from pilotid.support.types import InputError, reason
-
-LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
-
-
-def about_this(seed: int) -> dict[str, str]:
-    """Code, versions and seed: what two results must share to be compared."""
-    return {
-        "seed": str(seed),
-        "code": own_digest(),
-        "pilotid": version("pilotid"),
-        "python": ".".join(platform.python_version_tuple()[:2]),
-        **{name: version(name) for name in LIBRARIES},
-    }
 
 
 def method_entry(method: Method, position: int = 0, typed: str = "", label: str = "") -> Entry:

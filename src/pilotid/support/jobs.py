@@ -9,12 +9,14 @@ import enum
 import hashlib
 import logging
 import os
+import platform
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, partial
+from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import chain, islice
 from multiprocessing import spawn
@@ -31,6 +33,7 @@ Answer = TypeVar("Answer")
 THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 TIME_LIMIT = 600.0  # s
 POLL_INTERVAL = 0.5  # s
+LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
 
 
 class Loss(enum.Enum):
@@ -117,6 +120,17 @@ def own_digest() -> str:
     folders = [f for spec in found if spec for f in spec.submodule_search_locations or ()]
     files = [file for folder in folders for file in sorted(Path(folder).rglob("*.py"))]
     return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()[:12]
+
+
+def about_this(seed: int) -> dict[str, str]:
+    """Code, versions and seed: what two results must share to be compared."""
+    return {
+        "seed": str(seed),
+        "code": own_digest(),
+        "pilotid": version("pilotid"),
+        "python": ".".join(platform.python_version_tuple()[:2]),
+        **{name: version(name) for name in LIBRARIES},
+    }
 
 
 # ------------------------------------------------------------------------- local processes

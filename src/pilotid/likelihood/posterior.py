@@ -154,7 +154,7 @@ def priors_of(
         The pilot model.
     noise
         The remnant's model; autoregressive coefficients have none, see
-        `pilotid.posterior`.
+        `pilotid.likelihood.posterior`.
     replaced
         Priors in the place of the defaults, each with the key of its parameter.
     times
