@@ -311,11 +311,9 @@ class Posterior:
                 amplitudes = signal[..., order:] @ np.linalg.pinv(prediction.nuisance_terms).T
                 time = np.arange(-order, prediction.scored) * prediction.dt
                 signal = signal - amplitudes @ np.exp(np.outer(prediction.nuisance_poles, time))
-            if self._terms is not None:
-                lags = np.moveaxis(self._terms.lagged(signal, order), 0, 1)
-            else:
-                windows = np.lib.stride_tricks.sliding_window_view(signal, prediction.scored, -1)
-                lags = prediction.without_nuisance(np.moveaxis(windows[..., ::-1, :], -2, 1))
+            lags = np.moveaxis(prediction.lagged(signal, order), 0, 1)
+            if self._terms is None:
+                lags = prediction.without_nuisance(lags)
             flat = lags.reshape(*lags.shape[:2], -1)
             result[block] = flat @ flat.transpose(0, 2, 1)
         if self._terms is not None:
