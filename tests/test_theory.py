@@ -20,7 +20,7 @@ from pilotid.likelihood.prepare import Band, decimation
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MULTI
-from pilotid.solve.intervals import hessian, sandwich_of, score_products
+from pilotid.solve.intervals import hessian_of, sandwich_of, score_products
 from pilotid.study.run import truths_of
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
@@ -203,7 +203,9 @@ def test_the_limit_is_stationary_in_recordings_and_its_scores_have_the_covarianc
     scenario = with_remnant(Remnant(2, 3.5, 0.7, 0.15, "ratio"), periods)
     limit = white_limit(experiment_of(scenario))
     view = View(experiment_of(scenario), None)
-    curvature = hessian(lambda sets: np.array([view.mean_products(v) for v in sets]), limit.values)
+    curvature = hessian_of(
+        lambda sets: np.array([view.mean_products(v) for v in sets]), limit.values
+    )
     shifts = []
     for i in range(replications):
         recording = simulate(scenario, recording_rng(5, scenario.name, i))
@@ -283,7 +285,7 @@ def test_the_hessian_has_the_curvature_that_the_jacobian_leaves_out() -> None:
         rows = np.stack([2.0 * a, 1.0 - a**2], axis=1)
         return rows[:, :, None] * rows[:, None, :]
 
-    assert hessian(gram, np.array([1.5])) == pytest.approx(6.0 * 1.5**2 - 2.0)
+    assert hessian_of(gram, np.array([1.5])) == pytest.approx(6.0 * 1.5**2 - 2.0)
 
 
 def test_a_saddle_has_no_sandwich() -> None:

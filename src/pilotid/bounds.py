@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.model.model import PilotModel
-from pilotid.solve.intervals import covariance_of, hessian, sandwich_of
+from pilotid.solve.intervals import covariance_of, hessian_of, sandwich_of
 from pilotid.solve.least_squares import minimise
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 
@@ -280,7 +280,7 @@ def white_limit(experiment: Experiment, band: float | None = None) -> WhiteLimit
     end = minimise(gram, experiment.values[None], experiment.model, tolerance=1e-13, iterations=300)
     values, terms = end.values[0], end.gram[0]
     claimed = _inverse(view.samples * terms[:-1, :-1] / terms[-1, -1])
-    sandwich = sandwich_of(hessian(gram, values), view.score_covariance(values) / view.samples)
+    sandwich = sandwich_of(hessian_of(gram, values), view.score_covariance(values) / view.samples)
     if not end.converged[0] or sandwich is None:
         raise InputError("the expected cost has no proper minimum near the true parameters")
     return WhiteLimit(

@@ -35,14 +35,12 @@ MUCH = 1e-3
 LATEST = 1.2  # s, by which an output may be late
 
 
-def derivatives(signal: FloatArray, dt: float, order: int, delay: float = 0.0) -> list[FloatArray]:
-    """A delayed signal and its derivatives behind a Gaussian filter, without what ends reach."""
+def derivatives(signal: FloatArray, dt: float, order: int) -> list[FloatArray]:
+    """A signal and its derivatives behind a Gaussian filter, without what ends reach."""
     omega = 2.0 * np.pi * np.fft.rfftfreq(signal.shape[1], dt)
     spectrum = np.fft.rfft(signal - signal.mean(axis=1, keepdims=True))
     spectrum *= np.exp(-0.5 * (omega * SMOOTH) ** 2)
     slope = 1j * omega
-    if delay:
-        spectrum *= np.exp(-slope * delay)
     edge = math.ceil(6.5 * SMOOTH / dt)
     signals = []
     for _ in range(order + 1):  # in place: an hour at 1 kHz is large

@@ -96,7 +96,7 @@ def performance(recording: Recording) -> dict[str, tuple[str, FloatArray]]:
     return quantities
 
 
-def measured(recording: Recording) -> list[dict[str, Any]]:
+def measured(recording: Recording) -> list[Content]:
     """What estimates have, of signals: the means over runs, and each of several runs alone."""
     from pandas import DataFrame
     from scipy.special import stdtrit

@@ -10,6 +10,7 @@ nuisance term, which is projected out of both.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
@@ -32,7 +33,7 @@ from pilotid.likelihood.prepare import (
     pad,
 )
 from pilotid.model.channel import Changing, Channel
-from pilotid.model.factors import Evaluated
+from pilotid.model.factors import Evaluated, Response
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import BLOCK
@@ -421,14 +422,23 @@ class Prediction:
                 part = part * signal
             left = np.subtract(left, part, out=spectrum[:, -1])
             parts.append(part)
-        # What channels share, as the neuromuscular system, has its slopes by the sum of these.
+        for index, slope, total in self._slopes(found, parts):
+            spectrum[:, index] += (slope[:, None] if slope.ndim > 1 else slope) * total
+        return spectrum
+
+    def _slopes(
+        self, found: Sequence[Evaluated], parts: Sequence[ComplexArray]
+    ) -> Iterator[tuple[int, Response, ComplexArray]]:
+        """Each log-derivative of the dynamics: its parameter, itself, and what it multiplies.
+
+        What channels share, as the neuromuscular system, has its slopes by the sum of their parts.
+        """
         for (_, slopes), (_, indices), channels in zip(
-            found, model.moving, model.sharing, strict=True
+            found, self.model.moving, self.model.sharing, strict=True
         ):
             total = reduce(np.add, [parts[c] for c in channels])
             for index, slope in zip(indices, slopes, strict=True):
-                spectrum[:, index] += (slope[:, None] if slope.ndim > 1 else slope) * total
-        return spectrum
+                yield index, slope, total
 
     def channel_parts(self, values: FloatArray) -> tuple[list[Evaluated], list[ComplexArray]]:
         """What parameters, shape (parameters,), make of the dynamics, and what each channel adds.
@@ -453,12 +463,8 @@ class Prediction:
         """
         along = [np.sum(part * adjoint, axis=0) for part in parts]
         products = np.zeros(len(self.model.parameters))
-        for (_, slopes), (_, indices), channels in zip(
-            found, self.model.moving, self.model.sharing, strict=True
-        ):
-            total = reduce(np.add, [along[c] for c in channels])
-            for index, slope in zip(indices, slopes, strict=True):
-                products[index] += np.sum(slope * total).real
+        for index, slope, total in self._slopes(found, along):
+            products[index] += np.sum(slope * total).real
         return products
 
     @cached_property

@@ -288,11 +288,11 @@ def _scenario(study: Comparison, name: str) -> dict[str, Any]:
         "what": f"{what}; model {entry.model}.",
         "folded": name in names and name not in _detailed(names),
         "ranking": ranking(study, name) if name in names and name not in _detailed(names) else None,
-        "figure": _errors(study, name) if drawn else None,
+        "figure": _errors_figure(study, name) if drawn else None,
     }
 
 
-def _errors(study: Comparison, name: str) -> Figure:
+def _errors_figure(study: Comparison, name: str) -> Figure:
     return Figure(
         f"errors-{key_of(name)}",
         errors(study, name),

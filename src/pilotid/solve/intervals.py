@@ -107,7 +107,7 @@ def sandwich_of(curvature: FloatArray, score_covariance: FloatArray) -> FloatArr
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def hessian(gram: Gram, values: FloatArray, step: float = 1e-4) -> FloatArray:
+def hessian_of(gram: Gram, values: FloatArray, step: float = 1e-4) -> FloatArray:
     """Hessian of half the sum of squares, from differences of its exact gradient.
 
     J'J leaves out the residual times the model's curvature, which matters where the
