@@ -17,6 +17,7 @@ from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import identify
 from pilotid.estimate.warnings import remarks_on
 from pilotid.likelihood.choice import default_candidates
+from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.profile import over_changes
 from pilotid.likelihood.search import maximise_likelihood
@@ -60,6 +61,21 @@ OWN = PilotModel(
         ),
     ),
 )
+
+
+def test_runs_that_are_rotated_into_one_another_have_the_same_likelihood() -> None:
+    recording = simulate(replace(SLOW, runs=4), recording_rng(5, "rotated"))
+    prediction = predict(recording, ADAPTING, 50.0)
+    rotation = np.linalg.qr(np.random.default_rng(5).standard_normal((4, 4))).Q
+    given, rotated = (Likelihood(p).gram(SETS) for p in (prediction, prediction.mixed(rotation)))
+    np.testing.assert_allclose(rotated, given, rtol=1e-9, atol=1e-9 * np.abs(given).max())
+    two = prediction.binned
+    assert two.runs == 2
+    # The forcing function is the same in all runs.
+    power = [np.sum(p.control**2) for p in (two, prediction)]
+    assert power[0] > 0.8 * power[1]
+    one = prediction.of_runs([1])
+    assert one.binned is one
 
 
 def test_every_changing_parameter_is_two_and_the_rest_is_one() -> None:

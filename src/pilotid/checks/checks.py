@@ -156,7 +156,7 @@ def _held(recording: Recording) -> Found:
         if motionless(recording, name):
             continue
         window = recording.window(recording.input(name))
-        least = SIGNAL.jump * step_of(window)
+        least = SIGNAL.jump * step_of(recording, name)
         for run, row in enumerate(window):
             first, count = longest_run(np.diff(row) == 0.0)
             # What rounding holds goes on by a step.

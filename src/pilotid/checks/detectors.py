@@ -168,7 +168,7 @@ class _Look:
     def steps(self) -> Iterator[Finding]:
         """Rounding, by a converter or by the decimals of a text file."""
         for name, signal in self.answers.items():
-            step, rms = step_of(signal), float(np.std(signal))
+            step, rms = step_of(self.recording, name), float(np.std(signal))
             if step > RECORDER.coarse * rms:
                 words = (
                     f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms: small "
@@ -188,7 +188,7 @@ class _Look:
         x = self.signals["x"]
         ratio, share, count, run, sample = _outliers(x, self.drive)
         # What stands still between steps of a converter is told without error.
-        by_steps = RECORDER.converter_steps * step_of(x) / float(np.std(x))
+        by_steps = RECORDER.converter_steps * step_of(self.recording, "x") / float(np.std(x))
         if ratio <= RECORDER.outlier[0] or share <= max(RECORDER.outlier[1], by_steps):
             return
         at = sample * self.dt
@@ -288,7 +288,8 @@ class _Look:
         if answer is None or not answer.error < RECORDER.told:
             return
         late, u = answer.late, self.signals["u"]
-        noise = (step_of(u) / float(np.std(u))) ** 2 / 12.0  # of rounding, as a share of u
+        # Of rounding, as a share of u.
+        noise = (step_of(self.recording, "u") / float(np.std(u))) ** 2 / 12.0
         least = RECORDER.biased * noise + max(
             RECORDER.errors * answer.error, RECORDER.answer[0] * self.dt, RECORDER.answer[1]
         )
@@ -378,9 +379,10 @@ def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:
     return (score, -step, -order) if share else (0.0, 0, 0)
 
 
-def step_of(signal: FloatArray) -> float:
-    """The step of which all differences of values are multiples; 0 if there is none."""
-    values = np.unique(signal)
+@remembered
+def step_of(recording: Recording, name: str) -> float:
+    """The step of which all differences of a signal's values are multiples; 0 if there is none."""
+    values = np.unique(recording.window(recording.input(name)))
     apart = np.sort(np.diff(values))
     apart = apart[apart > 1e-9 * (values[-1] - values[0])]
     if apart.size < 20:

@@ -80,9 +80,9 @@ class FineInput:
         signal, slopes = self.changing.modulated(self.signals, self.time, values)
         return self._spectrum(signal), self._spectrum(slopes)
 
-    def of_runs(self, runs: list[int]) -> FineInput:
-        """The input of some runs alone."""
-        return replace(self, signals=self.signals[:, runs])
+    def mixed(self, weights: FloatArray) -> FineInput:
+        """As `Prediction.mixed`."""
+        return replace(self, signals=np.asarray(weights @ self.signals))
 
     def _spectrum(self, signal: FloatArray) -> ComplexArray:
         bins = self.smoothing.size
@@ -152,6 +152,7 @@ def fine_input(
 MAX_BINNED_WIDTH = 0.35
 #: Effect of x on each input of a channel: e = ft - x, x, ft.
 CLOSED = {"e": -1.0, "x": 1.0, "ft": 0.0}
+KEPT_SUMS = 2  # of runs, by which a pilot who changes is searched first
 BESIDE = 1.05  # ratio of the time constants of decays about one: it, and its slope
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
@@ -500,11 +501,24 @@ class Prediction:
 
     def of_runs(self, runs: list[int]) -> Prediction:
         """The prediction of some runs alone."""
+        return self.mixed(np.eye(self.runs)[runs])
+
+    def mixed(self, weights: FloatArray) -> Prediction:
+        """The prediction of weighted sums of runs: a linear pilot answers to them as to runs.
+
+        Parameters
+        ----------
+        weights
+            Shape (sums, runs).
+        """
         return replace(
             self,
-            spectra=tuple(spectrum[runs] for spectrum in self.spectra),
-            control_spectrum=self.control_spectrum[runs],
-            fine=tuple(fine and fine.of_runs(runs) for fine in self.fine),
+            spectra=tuple(
+                spectrum[: len(weights)] if fine else weights @ spectrum
+                for spectrum, fine in zip(self.spectra, self.fine, strict=True)
+            ),
+            control_spectrum=weights @ self.control_spectrum,
+            fine=tuple(fine and fine.mixed(weights) for fine in self.fine),
         )
 
     @property
@@ -520,10 +534,12 @@ class Prediction:
         A group of bins becomes a factor of its summed cross-spectra, of as many rows as there are
         signals: sums of squares over the group are kept, responses are those at its middle.
 
-        One whose inputs vary in time has no such form, and stays as it is.
+        One whose inputs vary in time has no such form: of its runs the two sums of largest power
+        are left, which hold what the forcing functions do in all of them.
         """
         if self.model.changes:
-            return self
+            _, sums = np.linalg.eigh(self.control @ self.control.T)
+            return self.mixed(sums[:, -KEPT_SUMS:].T) if self.runs > KEPT_SUMS else self
         scored = self.scored
         window = np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(scored) + 0.5) / scored) ** 2
         given = np.array([*self.spectra, self.control_spectrum])

@@ -60,8 +60,9 @@ def profile_likelihood(optimum: Optimum) -> tuple[Optimum, Profile | None]:
         moved = optimum.restarted_at(profile.better)
         if optimum.is_pilot and not moved.is_pilot:
             break
-        optimum = moved
-        profile = profile_about(optimum)
+        if (there := profile_about(moved)) is None:
+            break  # singular: its errors would be those of a likelihood that is a ridge
+        optimum, profile = moved, there
     return optimum, profile
 
 

@@ -209,7 +209,7 @@ def find_profile_end(
     lowest: float,
     target: float,
     which: int,
-    reach: float,
+    near: FloatArray,
 ) -> tuple[FloatArray, float]:
     """Where the least cost at a value of one parameter reaches the target.
 
@@ -225,26 +225,31 @@ def find_profile_end(
         The cost of the optimum, and the one sought.
     which
         Index of the parameter.
-    reach
-        Length of the first step; its sign is the way to go.
+    near
+        A point that may lie near the end, shape (parameters,): the search begins there, and goes
+        on its side of the start.
 
     Returns
     -------
     The point, shape (parameters,), and the cost there, which is below the lowest one where the
     search came upon a better optimum.
     """
-    bound = float((box.lower if reach < 0.0 else box.upper)[which])
     origin = float(start[which])
+    reach = float(near[which]) - origin
+    bound = float((box.lower if reach < 0.0 else box.upper)[which])
     allowed = abs(bound - origin)
     inside, outside = 0.0, math.inf
     # The root of the deviance, as a share of that sought, grows about in proportion.
     root_inside, root_outside = math.sqrt(max(cost - lowest, 0.0) / (target - lowest)), math.inf
     distance = min(abs(reach), allowed)
     point = start
-    for _ in range(MAX_SEARCHES):
+    for _ in range(MAX_SEARCHES if distance else 0):
         fixed = Box.holding(box, which, origin + math.copysign(distance, reach))
-        end = minimise(gram, point[None], fixed, tolerance=1e-5)
+        end = minimise(gram, near[None], fixed, tolerance=1e-5)
         share = (float(end.cost[0]) - lowest) / (target - lowest)
+        if share > 1.0 and near is not point:
+            near = point  # the point that was given may lie in another valley
+            continue
         if share <= 1.0:
             point, cost = end.values[0], float(end.cost[0])
             inside, root_inside = distance, math.sqrt(max(share, 0.0))
@@ -252,6 +257,7 @@ def find_profile_end(
                 break
         else:
             outside, root_outside = distance, math.sqrt(share)
+        near = point
         if math.isinf(outside):
             longer = distance / max(root_inside, 1.0 / 3.0) if inside else 2.0 * distance
             distance = min(max(longer, 1.2 * distance), allowed)
@@ -310,8 +316,11 @@ def extend_intervals(
         for k, side in np.argwhere(beyond).tolist():
             at = int(np.nanargmax(sides[side] * own[:, k]))
             step = sides[side] * max(0.1 * float(known[k, 1] - known[k, 0]), 1e-9)
-            start = points[at], costs[at]
-            point, cost = find_profile_end(gram, box, *start, lowest, float(targets[k]), k, step)
+            start, near = points[at], points[at].copy()
+            near[k] += step
+            point, cost = find_profile_end(
+                gram, box, start, costs[at], lowest, float(targets[k]), k, near
+            )
             known[k, side] = point[k]
             points.append(point)
             costs.append(cost)
@@ -349,8 +358,9 @@ def profile_intervals(
 
     All end points are sought at once by Newton steps (Venzon & Moolgavkar, Applied
     Statistics 37, 1988): along the profiled parameter to the sought level, in all
-    others to their conditional optimum.  Other ends are sought by
-    `find_profile_end`.
+    others to their conditional optimum.  The Hessian has the curvature that the search for
+    the optimum learned.  Ends whose steps lead away are sought by `find_profile_end`, from
+    the nearest point that they came to.
 
     Parameters
     ----------
@@ -405,8 +415,10 @@ def profile_intervals(
     active = np.arange(2 * count)
     found = np.zeros(2 * count, dtype=bool)
     seen, reached_costs = [best[0]], [lowest]
+    closest, least_off = points.copy(), np.full(2 * count, np.inf)
     for _ in range(8):
         grams = inner(points[active])
+        grams[:, :-1, :-1] += minimum.curvature[0]
         costs = grams[:, -1, -1]
         seen += [*points[active]]
         reached_costs += costs.tolist()
@@ -420,9 +432,14 @@ def profile_intervals(
         at_bound |= (points[active, k] >= upper[k]) & (direction > 0)
         # A bound that was overshot to, where the deviance is too high, is left again.
         at_bound &= step[np.arange(len(k)), k] * direction >= 0.0
-        reached = np.maximum(deviance_off, off) < tolerance * variance
+        either = np.maximum(deviance_off, off)
+        reached = either < tolerance * variance
         found[active] = reached | (at_bound & (costs <= goal))
-        done = reached | at_bound
+        # Newton steps that lead away do not come back.
+        nearer = (either < least_off[active]) & (direction * (points[active, k] - best[0, k]) > 0.0)
+        on = active[nearer]
+        closest[on], least_off[on] = points[on], either[nearer]
+        done = reached | at_bound | ~nearer
         moved = np.clip(points[active] + step, lower, upper)
         points[active] = np.where(at_bound[:, None], points[active], moved)
         active = active[~done]
@@ -436,8 +453,9 @@ def profile_intervals(
     if not np.nanmin(reached_costs) < least:
         for i in np.flatnonzero(~found):
             index, level = int(which[i]), float(target[i])
-            reach = float(side[i]) * math.sqrt(sought[i]) * float(error[index])
-            point, cost = find_profile_end(inner, box, best[0], lowest, lowest, level, index, reach)
+            point, cost = find_profile_end(
+                inner, box, best[0], lowest, lowest, level, index, closest[i]
+            )
             ends[i] = point[index]
             seen.append(point)
             reached_costs.append(cost)

@@ -57,7 +57,7 @@ class LogTransform:
 
 # glibc gives memory back after every evaluation, and takes it anew page by page, until it once saw
 # so large an array freed (mallopt(3), M_MMAP_THRESHOLD): 15 % of a fit of six runs.
-np.empty(1_000_000)
+np.empty(4_000_000)
 
 BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor's cache
 
