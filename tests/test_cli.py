@@ -25,7 +25,7 @@ from pilotid.support.remarks import CODES
 # The columns that others script against.
 ESTIMATES_HEAD = (
     "scenario,method,replication,outcome,parameter,truth,value,std_error,lower_95,upper_95,seconds,"
-    "crlb"
+    "crlb,determined"
 )
 SUMMARY_HEAD = (
     "scenario,method,parameter,n,failures,truth,bias,bias_se,bias_percent,std,rmse,crlb,"

@@ -24,7 +24,7 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.study.run import Task, run_task, started, truths_of
 from pilotid.study.study import Study, method_entry, scenario_entry
-from pilotid.study.table import OF_FITS, Fit, Store, read_study
+from pilotid.study.table import OF_FITS, Fit, Store, frame_of, read_study
 from pilotid.support.store import STORE
 from pilotid.support.types import InputError
 
@@ -207,6 +207,18 @@ def test_a_comparison_holds_the_store_s_numbers(finished: Path) -> None:
     assert row.bias == pytest.approx(values.mean() - 0.39)
     assert row.crlb == truths_of(scenario_named("single"))[2][3]
     assert np.isnan(row.posterior_std)
+
+
+def test_what_a_recording_does_not_determine_is_marked() -> None:
+    study = Study("disturbance-only", "mle", 1, 3)
+    (task,) = study.tasks(study.keys)
+    fit = run_task(task)
+    frame = frame_of([fit, replace(fit, replication=1, estimates=(), undetermined=())])
+    told = frame.set_index("parameter").determined
+    assert not told["tlead"]  # its interval begins at the bound and is 300 times as long
+    assert told["fnm"]
+    assert not told[""]  # of a fit without numbers
+    assert told.sum() == len(fit.estimates) - len(fit.undetermined)
 
 
 #: As in a shell's foreground: what a background job starts ignores interruptions.

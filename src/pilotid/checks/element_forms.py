@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from pilotid.model.element import ControlledElement, element_named
 from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
 from pilotid.support.types import ComplexArray, FloatArray, IntArray
+
+T = TypeVar("T", FloatArray, ComplexArray)
 
 DIGITS = 9  # decimals, or zeros, that are written out
 DIFFERENCE = 1e-7  # relative step of the differences
@@ -96,9 +99,7 @@ class Form:
         return top + (bottom and f"/{bottom}" if alone else f"/({bottom})")
 
 
-def differences(
-    function: Callable[[FloatArray], ComplexArray], values: FloatArray, there: ComplexArray
-) -> ComplexArray:
+def differences(function: Callable[[FloatArray], T], values: FloatArray, there: T) -> T:
     """Derivatives by each value, shape (values, n), of a function that is `there` (n,) at them."""
     steps = DIFFERENCE * np.maximum(np.abs(values), 1e-2) * np.eye(len(values))
     return np.array([(function(values + step) - there) / step.sum() for step in steps])
@@ -211,6 +212,20 @@ class Spectra:
     def residual(self, form: Form, values: FloatArray) -> ComplexArray:
         """What a form leaves of the output, shape (n,)."""
         return self._left(*form.polynomials(values), float(values[-1]))
+
+    def slopes(self, form: Form, values: FloatArray, residual: ComplexArray) -> ComplexArray:
+        """Derivatives of `residual` by each value, shape (values, n)."""
+
+        def coefficients(values: FloatArray) -> FloatArray:
+            return np.concatenate(form.polynomials(values))
+
+        (top, bottom), delay = form.polynomials(values), float(values[-1])
+        powers = (1j * self.omega) ** np.arange(len(bottom))[::-1, None]
+        answers, output = self.delayed(len(top), delay)[::-1], self.output[: len(bottom)][::-1]
+        by_coefficient = np.concatenate([-answers, output - powers * residual]) / (bottom @ powers)
+        slopes = differences(coefficients, values, coefficients(values)) @ by_coefficient
+        slopes[-1] = (self._left(top, bottom, delay + DIFFERENCE) - residual) / DIFFERENCE
+        return np.asarray(slopes)
 
     def unexplained(self, element: ControlledElement) -> float:
         """Largest share of the output's amplitude in a band that an element leaves.
@@ -340,7 +355,7 @@ def fitted_form(spectra: Spectra, form: Form, delay: float = 0.0) -> FormFit:
 
     def normal(level: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Gradient and information of half the weighted sum of squares at unit scale, and scale."""
-        jacobian = differences(lambda v: spectra.residual(form, v), values, residual)
+        jacobian = spectra.slopes(form, values, residual)
         scaled = (jacobian / level).conj()
         information = np.real(scaled @ jacobian.T)
         scale = np.sqrt(np.diag(information))

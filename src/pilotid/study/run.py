@@ -80,6 +80,7 @@ def run_task(task: Task) -> Fit:
             estimate.draws is not None,
             excess_of(method, recording, estimate, scenario) if drawn else None,
             told(remarks_of(origin, seed, shown), estimate),
+            undetermined=tuple(q.key for q in estimate.parameters if not q.determined),
         )
         found = {q.key: (q.value, q.std_error, q.lower, q.upper) for q in estimate.parameters}
         return with_truth(ended, scenario, found)

@@ -34,7 +34,7 @@ NUMBERS = ("remnant_level", "dt", "duration", "run_in", "runs")
 ESTIMATES = {
     **{n: n for n in ("scenario", "method", "replication", "outcome", "parameter", "truth")},
     **{"value": "value", "std_error": "std_error", "lower": "lower_95", "upper": "upper_95"},
-    **{"seconds": "seconds", "bound": "crlb"},
+    **{"seconds": "seconds", "bound": "crlb", "determined": "determined"},
 }
 #: Columns of summary.csv.
 SUMMARY = [
@@ -88,6 +88,9 @@ class Fit:
     estimates
         For each parameter key, unit, true value, bound on the standard deviation, value, standard
         error, and the ends of the interval.
+    undetermined
+        Keys of parameters that the recording does not determine, see
+        `pilotid.estimate.quantities.Quantity`.
     """
 
     scenario: str
@@ -105,6 +108,7 @@ class Fit:
     model: str = ""
     facts: Mapping[str, str | float] = field(default_factory=dict)
     estimates: tuple[Estimated, ...] = ()
+    undetermined: tuple[str, ...] = ()
 
     @property
     def key(self) -> Key:
@@ -231,7 +235,7 @@ def frame_of(fits: Iterable[Fit]) -> DataFrame:
     """
     from pandas import DataFrame, to_numeric
 
-    columns = (*OF_FIT, *WORDS, *NUMBERS, *OF_PARAMETER)
+    columns = (*OF_FIT, *WORDS, *NUMBERS, *OF_PARAMETER, "determined")
     nothing = (("", "", *(None,) * 6),)
 
     def rows() -> Iterator[tuple[Any, ...]]:
@@ -239,13 +243,14 @@ def frame_of(fits: Iterable[Fit]) -> DataFrame:
             own = tuple(getattr(fit, name) for name in OF_FIT)
             drawn = tuple(fit.facts.get(name) for name in (*WORDS, *NUMBERS))
             for known in fit.estimates or nothing:
-                yield *own, *drawn, *known
+                yield *own, *drawn, *known, known[0] not in fit.undetermined
 
     frame = DataFrame(list(rows()), columns=columns)
     for name in (*NUMBERS, "seconds", "excess", *OF_PARAMETER[2:]):
         numbers = to_numeric(frame[name], errors="coerce").astype(float)
         frame[name] = numbers.where(np.isfinite(numbers))
     frame["bound"] = frame.bound.where(frame.bound != 0.0)
+    frame["determined"] &= frame.value.notna()
     return frame.drop_duplicates(["scenario", "method", "replication", "parameter"])
 
 
@@ -259,7 +264,7 @@ class Comparison:
         A row for each scenario, method, replication and parameter: ``outcome``, ``message``,
         ``usable``, ``posterior``, ``seconds``, ``excess``, ``remarks``, ``model``, facts on the
         draw of a population, ``parameter``, ``unit``, ``truth``, ``bound``, ``value``,
-        ``std_error``, ``lower``, ``upper``; see `Fit`.
+        ``std_error``, ``lower``, ``upper``, ``determined``; see `Fit`.
     scenarios, methods
         Those that have fits, by name or label, in the order of tables and figures.
     about
