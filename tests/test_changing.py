@@ -19,7 +19,6 @@ from pilotid.estimate.warnings import remarks_on
 from pilotid.likelihood.choice import default_candidates
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import predict
-from pilotid.likelihood.profile import over_changes
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods import METHODS
 from pilotid.methods.bayes import Bayes
@@ -334,20 +333,6 @@ def test_intervals_of_when_go_to_the_joint_level_of_two_parameters() -> None:
             held = minimise(joint.gram, start, Box(lower, upper, joint.positive), tolerance=1e-5)
             deviance = freedom * np.log(held.cost[0] / end.cost[0]) / found.variance_factor
             assert deviance == pytest.approx(level, rel=0.1)
-
-
-def test_intervals_hold_changes_elsewhere_that_suit_as_well() -> None:
-    recording = simulate(FAST, np.random.default_rng(1))
-    found = maximise_likelihood(recording, ADAPTING, np.random.default_rng(101), MLE())
-    narrow = np.stack([found.end.values[0, : found.joint.pilot_count]] * 2, axis=1)
-    wide = over_changes(found, narrow)
-    assert np.all(wide[:, 0] <= narrow[:, 0])
-    assert np.all(wide[:, 1] >= narrow[:, 1])
-    place = ADAPTING.keys.index("rate")
-    assert wide[place, 1] > 4.0 * wide[place, 0]  # a step suits as well as a slower change
-    constant = maximise_likelihood(recording, SINGLE, np.random.default_rng(101), MLE())
-    own = np.stack([constant.end.values[0, : constant.joint.pilot_count]] * 2, axis=1)
-    np.testing.assert_array_equal(over_changes(constant, own), own)
 
 
 @pytest.mark.long

@@ -3,10 +3,9 @@
 The search may have come upon other local optima that are nearly as high.  Where the optimum lies
 at a bound, the likelihood is far from a parabola and often has another optimum inside the bounds:
 a slow neuromuscular system with a short delay resembles a fast one with a long delay.  So each
-parameter at a bound is fixed at usual values, and the others are fitted.  When a change in time
-was, and how fast, has many local optima too: other times and rates are fixed, one after the
-other.  Whatever is as likely as the ends of an interval belongs into the intervals, and a usual
-neuromuscular system in place of an unusual one even where it is a little less likely.
+parameter at a bound is fixed at usual values, and the others are fitted.  Whatever is as likely as
+the ends of an interval belongs into the intervals, and a usual neuromuscular system in place of an
+unusual one even where it is a little less likely.
 """
 
 from __future__ import annotations
@@ -23,13 +22,7 @@ from pilotid.model.factors import Neuromuscular
 from pilotid.solve.intervals import Profile, covariance_at_bounds, covariance_of, profile_intervals
 from pilotid.solve.least_squares import Bounds, Box, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO, Z95
-from pilotid.support.types import BoolArray, FloatArray
-
-#: About the interval of the time of a change, and of its rate, what is tried of the one (seconds
-#: beyond the interval, rates [1/s]: about two a decade), and from where the other is searched
-#: (rates, seconds about the time); tuned on adapting-slow and adapting-fast.
-SHIFTS, FROM_RATES = (0.25, 0.75, 1.5, 2.5, 4.0, 6.0), (0.4, 20.0)
-RATES, FROM_SHIFTS = (0.1, 0.2, 0.4, 0.8, 2.0, 6.0, 20.0, 100.0), (-2.0, -1.0, 0.0, 1.0, 2.0)
+from pilotid.support.types import FloatArray
 
 #: Tuned: deviance below which a recording does not tell an unusual neuromuscular system from a
 #: usual one: the best of many local optima exceeds the truth by up to 13 (disturbances of low
@@ -85,7 +78,7 @@ def with_profile(estimate: Estimate, optimum: Optimum, profile: Profile) -> Esti
     errors = length / (2.0 * np.sqrt(sought / factor))
     estimate = replace(
         estimate,
-        intervals=over_changes(optimum, intervals),
+        intervals=intervals,
         errors=errors if (errors > 0.0).all() else None,
     )
     at_bound = is_at_bound(estimate.model, estimate.values)
@@ -203,54 +196,8 @@ def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
             end = minimise(
                 optimum.search_problem.gram, point[None], fixed, tolerance=1e-3, iterations=20
             )
-            suits = np.full(joint.pilot_count, end.cost[0] < limit)
-            intervals = _holding(intervals, end.values[0, : joint.pilot_count], suits)
+            if end.cost[0] < limit:
+                low, high = intervals.T
+                own = end.values[0, : joint.pilot_count]
+                intervals = np.stack([np.minimum(low, own), np.maximum(high, own)], axis=1)
     return intervals
-
-
-def over_changes(optimum: Optimum, intervals: FloatArray) -> FloatArray:
-    """Intervals (parameters, 2) that hold the optima of other changes, too.
-
-    Parameters
-    ----------
-    optimum
-        The optimum.
-    intervals
-        Those of the profile about it.
-    """
-    joint, values, pilot = optimum.joint, optimum.values, optimum.joint.pilot_count
-    if not joint.prediction.model.changes:
-        return intervals
-    target = float(optimum.end.cost[0]) * np.exp(deviances(optimum) / optimum.freedom)
-    middle, rate = joint.prediction.model.change
-    low, high = intervals[middle]
-    beyond = [low - far for far in SHIFTS] + [high + far for far in SHIFTS]
-    near = tuple(float(values[middle]) + shift for shift in FROM_SHIFTS)
-    rates = [v for v in RATES if not intervals[rate, 0] <= v <= intervals[rate, 1]]
-    result = intervals
-    for fixed, value, other, starts in (
-        *((middle, float(value), rate, FROM_RATES) for value in beyond),
-        *((rate, value, middle, near) for value in rates),
-    ):
-        if not joint.lower[fixed] <= value <= joint.upper[fixed]:
-            continue
-        points = np.tile(values, (len(starts), 1))
-        points[:, fixed], points[:, other] = value, starts
-        fits = minimise(
-            joint.gram,
-            np.clip(points, joint.lower, joint.upper),
-            Box.holding(joint, fixed, value),
-            tolerance=1e-3,
-            iterations=10,
-        )
-        for cost, own in zip(fits.cost, fits.values[:, :pilot], strict=True):
-            result = _holding(result, own, cost <= target)
-    return result
-
-
-def _holding(intervals: FloatArray, point: FloatArray, suits: BoolArray) -> FloatArray:
-    """Intervals (parameters, 2) that hold a point, too, in the parameters that it suits."""
-    extended = np.stack(
-        [np.minimum(intervals[:, 0], point), np.maximum(intervals[:, 1], point)], axis=1
-    )
-    return np.where(suits[:, None], extended, intervals)
