@@ -169,8 +169,8 @@ def sines_of(scenario: Scenario) -> dict[str, Multisine]:
     signals = {name: f for name, f in given.items() if isinstance(f, Multisine)}
     periods = {sines.period for sines in signals.values()}
     lines = [line for sines in signals.values() for line in sines.lines]
-    whole = len(periods) == 1 and round(own := scenario.duration / min(periods)) >= 1
-    if not whole or abs(own - round(own)) > 1e-9 or len(set(lines)) < len(lines):
+    whole = len(periods) == 1 and round(cycles := scenario.duration / min(periods)) >= 1
+    if not whole or abs(cycles - round(cycles)) > 1e-9 or len(set(lines)) < len(lines):
         raise InputError(
             f"scenario {scenario.name}: a design starts from sums of sines of one period, with "
             "whole periods in the window and no line in both; name nominal, for example"
@@ -271,13 +271,13 @@ def _spectra(
     """The power of each signal over the reference's, and rows that are not to be above zero."""
     wholes, shapes = [], []
     for part in np.split(np.eye(usual.size), _ends(signals)):
-        own = part / float((part @ usual).sum())
-        whole, shares = own.sum(axis=0), own @ usual
+        weights = part / float((part @ usual).sum())
+        whole, shares = weights.sum(axis=0), weights @ usual
         wholes.append(whole)
-        for number, (line, share) in enumerate(zip(own, shares, strict=True)):
+        for number, (line, share) in enumerate(zip(weights, shares, strict=True)):
             shapes += [line - max(LARGEST_SHARE, share) * whole, LEAST_SHARE * share * whole - line]
             # A hair of room: the reference itself is on all of these limits at once.
-            shapes.append(own[number:].sum(axis=0) - (shares[number:].sum() + 1e-6) * whole)
+            shapes.append(weights[number:].sum(axis=0) - (shares[number:].sum() + 1e-6) * whole)
     return np.array(wholes), shapes
 
 
@@ -342,8 +342,8 @@ def scenario_of_fit(path: Path, scenario: Scenario | None = None) -> Scenario:
     fitted = designed_scenario(path)
     if scenario is None:
         return fitted
-    own = {name: getattr(fitted, name) for name in ("model", "truth", "element", "remnant")}
-    return replace(scenario, **own, name=f"{scenario.name}-{fitted.name}"[:60])
+    settings = {name: getattr(fitted, name) for name in ("model", "truth", "element", "remnant")}
+    return replace(scenario, **settings, name=f"{scenario.name}-{fitted.name}"[:60])
 
 
 # ----------------------------------------------------------------------------------- files

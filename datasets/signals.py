@@ -89,9 +89,9 @@ class Multisine(Forcing):
         omega = self.omega
         phasors = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases)) * response(omega)
         parts = [
-            np.imag(phasors[..., i : i + AT_ONCE] @ np.exp(1j * np.outer(own, time)))
+            np.imag(phasors[..., i : i + AT_ONCE] @ np.exp(1j * np.outer(some, time)))
             for i in range(0, omega.size, AT_ONCE)
-            for own in (omega[i : i + AT_ONCE],)
+            for some in (omega[i : i + AT_ONCE],)
         ]
         return np.asarray(sum(parts[1:], parts[0]))
 

@@ -83,8 +83,8 @@ def remnant_shaping(scenario: Scenario, omega: FloatArray) -> ComplexArray:
     values = dict(zip(scenario.model.keys, scenario.values, strict=True))
     for factor in (f for channel in scenario.model.channels for f in channel.factors):
         if isinstance(factor, Neuromuscular):
-            own = [np.array([values[p.key]]) for p in factor.parameters]
-            return shaping * np.asarray(factor.response(np.asarray(1j * omega, complex), own))
+            given = [np.array([values[p.key]]) for p in factor.parameters]
+            return shaping * np.asarray(factor.response(np.asarray(1j * omega, complex), given))
     raise InputError(
         f"scenario {scenario.name}: the remnant cannot enter before the neuromuscular system, "
         f"since model {scenario.model.name} has none"

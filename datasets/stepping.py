@@ -141,12 +141,12 @@ class _Path:
         for factor in channel.factors:
             if isinstance(factor, Changing) or (self.changing and factor.derivative):
                 continue
-            own = [values[p.key] for p in factor.parameters]
-            seconds = factor.seconds([np.array(v) for v in own])
+            parameters = [values[p.key] for p in factor.parameters]
+            seconds = factor.seconds([np.array(v) for v in parameters])
             if seconds is not None:
                 delay += float(seconds)
                 continue
-            above, below = factor.rational(own, 1)
+            above, below = factor.rational(parameters, 1)
             top = np.polymul(top, above).tolist()
             bottom = np.polymul(bottom, below).tolist()
         self.on, self.delay = channel.on, delay / self.h
@@ -260,10 +260,10 @@ class SteppedElement:
         answer = np.empty(signal.shape)
         state = self._state
         answer[:, 0] = state[:, 0]
-        for i, (own, part) in enumerate(
+        for i, (free, part) in enumerate(
             zip(self._own[which], given.transpose(1, 0, 2), strict=True)
         ):
-            state = state @ own + part
+            state = state @ free + part
             answer[:, i + first] = state[:, 0]
         self._now += signal.shape[1]
         self._state, self._last = state, signal[:, -1:]

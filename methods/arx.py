@@ -174,13 +174,13 @@ class ARX:
             values = None if at is None else at[0]
             return channel_response(model, omega, dt, black_box, self.misfit, note, values)
 
-        found: FloatArray | None = None
+        best: FloatArray | None = None
         for _ in range(self.rounds - 1):
-            gram = ResponseFit(response(found), model).gram
-            if found is None:
-                found = search(gram, model, rng, candidates=12, refined=4).values[:1]
-            found = minimise(gram, found, model, tolerance=1e-5).values[:1]
-        estimate = second_step(self.name, recording, model, response(found), rng, known=found)
+            gram = ResponseFit(response(best), model).gram
+            if best is None:
+                best = search(gram, model, rng, candidates=12, refined=4).values[:1]
+            best = minimise(gram, best, model, tolerance=1e-5).values[:1]
+        estimate = second_step(self.name, recording, model, response(best), rng, known=best)
         return against_recording(estimate, prediction, rng)
 
     def _first_step(self, prediction: Prediction) -> tuple[Regression, Structure]:

@@ -114,8 +114,8 @@ class Fourier:
         coefficients = coefficients_of(recording, model, self.neighbours, self.trend)
         residuals = coefficients.first_residuals()
         problem = Equations(coefficients, model, coefficients.power(residuals))
-        found = search(problem.gram, model, rng, candidates=48, refined=6)
-        end = best_pilot(recording, model, found).values
+        minima = search(problem.gram, model, rng, candidates=48, refined=6)
+        end = best_pilot(recording, model, minima).values
         settled = False
         for _ in range(self.rounds):
             minimum = minimise(problem.gram, end, model, tolerance=1e-6)
@@ -161,8 +161,8 @@ def _response(
     coefficients: Coefficients, model: PilotModel, residuals: ComplexArray
 ) -> FrequencyResponse:
     """Responses from the control less its leakage."""
-    own = coefficients.control[:, : coefficients.lines] - coefficients.leakage(residuals)
-    control = coefficients.at_lines(own)
+    answer = coefficients.control[:, : coefficients.lines] - coefficients.leakage(residuals)
+    control = coefficients.at_lines(answer)
     return coefficients.response(model, control, coefficients.power(residuals))
 
 

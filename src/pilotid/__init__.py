@@ -37,13 +37,13 @@ def __getattr__(name: str) -> object:
     """A public name, or a module of this package, when it is first asked for."""
     module = "pilotid.plots.plots" if name == "plot" else f"pilotid.{name}"
     if name in _HOME and name != "plot":
-        found = getattr(import_module(_HOME[name]), name)
+        thing = getattr(import_module(_HOME[name]), name)
     elif not name.startswith("_") and find_spec(module):
-        found = import_module(module)
+        thing = import_module(module)
     else:
         raise AttributeError(f"module 'pilotid' has no attribute {name!r}")
-    globals()[name] = found
-    return found
+    globals()[name] = thing
+    return thing
 
 
 def __dir__() -> list[str]:

@@ -124,8 +124,8 @@ def check(
     from pilotid.report.check import check_all
 
     _require(recording, Recording, "recording")
-    (found,) = check_all([recording], as_element(element) if element else None)
-    return found
+    (checked,) = check_all([recording], as_element(element) if element else None)
+    return checked
 
 
 @ranged

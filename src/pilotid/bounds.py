@@ -121,7 +121,7 @@ class View:
             return self.products(first, second)
         return np.asarray(2.0 * (first.real * self.weights) @ second.real.T)
 
-    def rows(self, inputs: Inputs, values: FloatArray, own: float) -> ComplexArray:
+    def rows(self, inputs: Inputs, values: FloatArray, density: float) -> ComplexArray:
         """Gradient of the predicted control for these inputs and, last, the residual, (rows, n).
 
         The residual is what the true pilot answers less the predicted answer, and `own` that the
@@ -130,7 +130,7 @@ class View:
         model, truth = self.experiment.model, self.experiment.values
         difference = model.response(inputs[0], truth) - model.response(inputs[0], values)
         missed = np.sum(difference * _signed(model, inputs), axis=0)
-        return np.vstack([gradient_of(model, inputs, values), own + missed])
+        return np.vstack([gradient_of(model, inputs, values), density + missed])
 
     def remnant_rows(
         self, omega: FloatArray, circulation: Circulation, values: FloatArray

@@ -229,9 +229,9 @@ def not_the_error(recording: Recording) -> Remark | None:
     off = _rms(signals["e"] - signals["ft"] + signals["x"]) / size
     if off <= SIGNAL.identity:
         return None
-    told = _explainer(signals["x"], signals["ft"])
+    explained = _explainer(signals["x"], signals["ft"])
     # What no signal explains is noise of the recorder, which each channel has of its own.
-    if off <= SIGNAL.noise and told(signals["e"] - signals["ft"] + signals["x"]) <= (
+    if off <= SIGNAL.noise and explained(signals["e"] - signals["ft"] + signals["x"]) <= (
         SIGNAL.identity * size
     ):
         return None
@@ -241,14 +241,14 @@ def not_the_error(recording: Recording) -> Remark | None:
         "ft": signals["e"] + signals["x"],
     }
     for name, wanted in others.items():
-        if told(signals[name] + wanted) <= SIGNAL.identity * size:
+        if explained(signals[name] + wanted) <= SIGNAL.identity * size:
             cure = recording.flipped(name)
             words = f"e is not ft - x: {name} has the wrong sign; flip it with --map {cure}"
             return Remark("wrong-sign", words)
     for name in ("x", "e", "ft"):
         wanted, given = others[name], signals[name]
         factor = float(np.sum(wanted * given) / (np.sum(given**2) or 1.0))
-        fits = factor and told(wanted - factor * given) <= SIGNAL.identity * _rms(wanted)
+        fits = factor and explained(wanted - factor * given) <= SIGNAL.identity * _rms(wanted)
         if fits and abs(factor - 1.0) > SIGNAL.scaled:
             return Remark("wrong-unit", f"e is not ft - x: {_scaled(recording, name, factor)}")
     return Remark(

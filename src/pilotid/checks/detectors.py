@@ -73,13 +73,13 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
     if not {"e", "u"} <= set(look.signals):
         return ()
     with np.errstate(all="ignore"):  # a signal may be of any size
-        found = list(_ends(recording))
-        found += [*look.lost(found), *look.steps()]
-        if not any(f.code in ("lost-samples", "appended-runs") for f in found):
-            found += look.identity()
-            found += look.times(found)
-        found += look.copies()
-    once = {(f.code, f.signal): f for f in reversed(found)}
+        faults = list(_ends(recording))
+        faults += [*look.lost(faults), *look.steps()]
+        if not any(f.code in ("lost-samples", "appended-runs") for f in faults):
+            faults += look.identity()
+            faults += look.times(faults)
+        faults += look.copies()
+    once = {(f.code, f.signal): f for f in reversed(faults)}
     return tuple(sorted(once.values(), key=lambda finding: GRADES.index(finding.grade)))
 
 
@@ -178,12 +178,12 @@ class _Look:
                 unit = self.recording.units.get(name, "")
                 yield Finding("rounded", name, "doubt", step, unit, words)
 
-    def lost(self, found: Sequence[Finding]) -> Iterator[Finding]:
+    def lost(self, faults: Sequence[Finding]) -> Iterator[Finding]:
         """Samples of x lost, repeated or spiked: x cannot be told from its past and its drive."""
         forced = [self.signals[n] for n in ("ft", "fd") if n in self.signals]
         if "x" not in self.signals or any(_is_stepped(signal) for signal in forced):
             return
-        if any(f.signal == "x" and f.code == "resampled" for f in found):
+        if any(f.signal == "x" and f.code == "resampled" for f in faults):
             return
         x = self.signals["x"]
         ratio, share, count, run, sample = _outliers(x, self.drive)
@@ -229,16 +229,16 @@ class _Look:
         if np.all(np.abs(late) > least) and abs(late[0] - late[1]) <= least.max():
             yield _late("e", "ft - x", -float(late.mean()), self.dt)
             return
-        for name, own, limit in zip(("ft", "x"), late.tolist(), least.tolist(), strict=True):
-            if abs(own) > limit:
-                yield _late(name, "e", own, self.dt)
+        for name, shift, limit in zip(("ft", "x"), late.tolist(), least.tolist(), strict=True):
+            if abs(shift) > limit:
+                yield _late(name, "e", shift, self.dt)
 
-    def times(self, found: Sequence[Finding]) -> list[Finding]:
+    def times(self, faults: Sequence[Finding]) -> list[Finding]:
         """Times of u, fd and x against one another, and what the drive holds of fd."""
         if "x" not in self.signals:
             return []
         late = list(self._against_forcing())
-        if not any(f.code == "late-signal" for f in (*late, *found)):
+        if not any(f.code == "late-signal" for f in (*late, *faults)):
             late += self._against_element()
         return late
 

@@ -170,7 +170,7 @@ class Relation:
         most = round(self.OUTPUT / self.dt)
         # x goes with fd if u is late, and with u if fd is.
         grid = sorted({*fine, *coarse})
-        tried = [(own, other) for own in grid for other in {0, own} if abs(other) <= most]
+        tried = [(u, x) for u in grid for x in {0, u} if abs(x) <= most]
         shifts = min(tried, key=lambda pair: self._at(pair, 1)[2])
         return min(best, self._near(shifts), key=lambda best: best.left)
 

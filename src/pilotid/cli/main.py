@@ -219,11 +219,11 @@ def _fitted(
         return [fit_all(recording, named[0], methods, seed, choice)]
     from pilotid.likelihood.choice import select
 
-    found = select(choice.named_in(recording), named, seed, fix)
-    models = named or [found.model]
+    fitted = select(choice.named_in(recording), named, seed, fix)
+    models = named or [fitted.model]
     first, *rest = [fit_all(recording, model, methods, seed, choice) for model in models]
-    compared = tuple(map(asdict, found.candidates))
-    return [replace(first, choice=found.reason, compared=compared), *rest]
+    compared = tuple(map(asdict, fitted.candidates))
+    return [replace(first, choice=fitted.reason, compared=compared), *rest]
 
 
 def check(

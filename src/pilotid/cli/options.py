@@ -124,8 +124,8 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     @wraps(function)
     def run(**given: Any) -> None:
         if "reading" in parameters:
-            own = {field.name: given.pop(field.name) for field in fields(Reading)}
-            given["reading"] = Reading(**{**own, "mapping": tuple(own["mapping"] or ())})
+            reading = {field.name: given.pop(field.name) for field in fields(Reading)}
+            given["reading"] = Reading(**{**reading, "mapping": tuple(reading["mapping"] or ())})
         function(**given)
 
     every = [

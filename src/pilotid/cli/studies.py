@@ -98,8 +98,8 @@ def compare(
     with Store(out, create=True) as store:
         pending, size = study.enter(store, retry=retry_failed), len(study.keys)
         enter_estimates(store, theirs)
-        if held := size - len(pending):
-            show(make_console(), f"{store.path}: holds {held} of {size} fits already")
+        if done := size - len(pending):
+            show(make_console(), f"{store.path}: holds {done} of {size} fits already")
         results = study.run(store, pending, workers, scheduler, time_limit or None)
         for _ in with_bar(results, "fits", len(pending)):
             pass
@@ -147,7 +147,7 @@ def _finish(folder: Path, store: Store) -> None:
     study.write(folder)
     path = write_report(folder, study)
     words, losses, rankings = overview(study)
-    show(make_console(), *losses, *(own.table for own in rankings), *words, f"report: {path}")
+    show(make_console(), *losses, *(each.table for each in rankings), *words, f"report: {path}")
 
 
 def compare_studies(first: Path, second: Path) -> None:
@@ -155,8 +155,8 @@ def compare_studies(first: Path, second: Path) -> None:
     from pilotid.study.scores import loss_text
     from pilotid.study.table import find_changes, read_study
 
-    found, left_out = find_changes(read_study(first), read_study(second))
-    rows = found.itertuples(index=False, name=None)
+    differences, left_out = find_changes(read_study(first), read_study(second))
+    rows = differences.itertuples(index=False, name=None)
     changes = table(
         [
             (*row[:3], loss_text(*row[3:]), "better" if row[5] < 1 else "worse" * (row[4] > 1))
@@ -215,13 +215,13 @@ def trust(
     def progress(results: Iterator[Fit], counts: Mapping[str, int]) -> Iterator[Fit]:
         return with_bar(results, "fits", sum(counts.values()))
 
-    found = try_fit(recording, chosen, tried, out, replications, seed, workers, progress)
-    page = write_report(out, found.comparison)
-    told = found.to_dict()
-    words, losses, rankings = overview(found.comparison)
+    trusted = try_fit(recording, chosen, tried, out, replications, seed, workers, progress)
+    page = write_report(out, trusted.comparison)
+    content = trusted.to_dict()
+    words, losses, rankings = overview(trusted.comparison)
     written = f"scenario and numbers: {out / TRUST}, report: {page}"
-    shown = [*losses, *(own.table for own in rankings), trust_table(told)]
-    show(make_console(), *shown, *words, *advice(told), UNKNOWN, written)
+    shown = [*losses, *(ranking.table for ranking in rankings), trust_table(content)]
+    show(make_console(), *shown, *words, *advice(content), UNKNOWN, written)
 
 
 def fetch_data(name: str | None = None) -> None:
@@ -230,8 +230,8 @@ def fetch_data(name: str | None = None) -> None:
     folder = None if name is None else fetch(name)
     for people in PEOPLE.values():
         if name in (None, people["name"]):
-            told = [f"{fact}: {text}" for fact, text in people.items() if text and fact != "name"]
-            show(console, Line(people["name"], "heading"), *told)
+            facts = [f"{fact}: {text}" for fact, text in people.items() if text and fact != "name"]
+            show(console, Line(people["name"], "heading"), *facts)
     if name is None or folder is None:
         return
     people = PEOPLE[name]
@@ -267,7 +267,7 @@ def analyse(
     """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
     from pilotid.experiment.experiment import analyse as analysed
 
-    found = analysed(
+    experiment = analysed(
         files,
         pattern,
         options.names_of(model, [AUTO], [AUTO]),
@@ -288,9 +288,9 @@ def analyse(
         workers=workers,
         force=force,
     )
-    path = found.write(shlex.join(options.TYPED))
-    show(make_console(), *found.blocks(path))
-    options.raise_refused(found.refused)
+    path = experiment.write(shlex.join(options.TYPED))
+    show(make_console(), *experiment.blocks(path))
+    options.raise_refused(experiment.refused)
 
 
 def design(

@@ -232,7 +232,7 @@ class Fitted:
             return ()
         element = self.loop_element.element
         every = (e.loops(element).excited_by(self.recording) for e in self.estimates)
-        return tuple(replace(own, remarks=without(own.remarks, self.ignored)) for own in every)
+        return tuple(replace(loop, remarks=without(loop.remarks, self.ignored)) for loop in every)
 
     @property
     def heading(self) -> str:

@@ -150,7 +150,7 @@ class Draws:
     @property
     def highest_density(self) -> FloatArray:
         """The shortest 95 % intervals, shape (parameters, 2)."""
-        return np.array([shortest_interval(own) for own in self.values.T])
+        return np.array([shortest_interval(draws) for draws in self.values.T])
 
     def thinned(self, count: int) -> FloatArray:
         """So many draws, evenly from all of them, shape (count, parameters)."""

@@ -237,25 +237,25 @@ def results_of(
         for estimate in content["estimates"]:
             if estimate["run"] is not None and not settings.fitting.per_run:
                 continue
-            told = _kept(settings, [*seen["remarks"], *estimate["remarks"]])
+            said = _kept(settings, [*seen["remarks"], *estimate["remarks"]])
             of_loops = _kept(settings, estimate["loop_remarks"])
             chosen = not settings.auto or estimate["model"] in ("", choice)
-            place = {"recording": part.words, "runs": seen["runs"], "said": told, "chosen": chosen}
+            place = {"recording": part.words, "runs": seen["runs"], "said": said, "chosen": chosen}
             for row in estimate["quantities"]:
-                why = _why_left_out(settings, estimate, row, [*told, *of_loops])
+                why = _why_left_out(settings, estimate, row, [*said, *of_loops])
                 about = of_loops if row["kind"] == LOOP else _kept(settings, estimate["remarks"])
-                said = " | ".join([*([f"not counted: {why}"] if why else []), *about])
+                words = " | ".join([*([f"not counted: {why}"] if why else []), *about])
                 quantities.append(
-                    {**head, **estimate, **place, **row, LEFT_OUT: why, "remarks": said}
+                    {**head, **estimate, **place, **row, LEFT_OUT: why, "remarks": words}
                 )
         predicted += [{**head, **row} for row in content.get("left_out", ())]
         wrong = any(remark.grade == "wrong" for remark in _kept(settings, seen["remarks"]))
-        if (found := content.get("responses")) and (settings.keep_all or not wrong):
-            own = {"stratum": " ".join(part.stratum), CONDITION: part.condition}
-            responses.setdefault(part, [{**own, **row} for row in found])
+        if (coefficients := content.get("responses")) and (settings.keep_all or not wrong):
+            place_of = {"stratum": " ".join(part.stratum), CONDITION: part.condition}
+            responses.setdefault(part, [{**place_of, **row} for row in coefficients])
         for candidate in content.get("candidates", ()):
-            own = {"model": "", "chosen": "yes" if candidate["model"] == choice else "no"}
-            models.append({**head, **own, **candidate})
+            taken = "yes" if candidate["model"] == choice else "no"
+            models.append({**head, "model": "", "chosen": taken, **candidate})
     frame = DataFrame(quantities).astype({"run": "Int64"}).drop(columns="quantities")
     # Of a pilot who changes there is no loop, and nothing to show.
     known = frame.groupby(["kind", "model", "parameter"])["value"].transform("count") > 0

@@ -158,14 +158,14 @@ class BandTerms:
         samples = signal.shape[-1] - order
         bins = np.arange(self.weights.size)
         delay = np.exp(-2j * np.pi / samples * bins)
-        found = np.empty((order + 1, *signal.shape[:-1], bins.size), dtype=complex)
-        found[0] = np.fft.rfft(signal[..., order:])[..., : bins.size]
+        lags = np.empty((order + 1, *signal.shape[:-1], bins.size), dtype=complex)
+        lags[0] = np.fft.rfft(signal[..., order:])[..., : bins.size]
         for lag in range(order):  # a window that slides by a sample gains one and loses one
             change = signal[..., order - 1 - lag] - signal[..., -1 - lag]
-            np.multiply(found[lag], delay, out=found[lag + 1])
-            found[lag + 1] += change[..., None]
-        found *= np.sqrt(2.0 * self.weights / samples)
-        return found.view(float)
+            np.multiply(lags[lag], delay, out=lags[lag + 1])
+            lags[lag + 1] += change[..., None]
+        lags *= np.sqrt(2.0 * self.weights / samples)
+        return lags.view(float)
 
     def filtered(self, rows: FloatArray) -> FloatArray:
         """Rows (..., samples) filtered by the weights: their products with rows are weighted."""
@@ -222,10 +222,10 @@ class BandTerms:
         slope = np.concatenate([by_pilot.real @ inside, by_remnant.real @ self.whitened], axis=1)
         # Not conjugated: with the products of the rows this makes the squares of real parts.
         weighted = by_pilot * inside
-        own = (weighted @ by_pilot.transpose(0, 2, 1)).real
+        by_coefficients = (weighted @ by_pilot.transpose(0, 2, 1)).real
         across = (weighted @ by_remnant[..., : self.counting].transpose(0, 2, 1)).real
         remnant = ((by_remnant * self.whitened) @ by_remnant.transpose(0, 2, 1)).real
-        upper = np.concatenate([own, across], axis=2)
+        upper = np.concatenate([by_coefficients, across], axis=2)
         lower = np.concatenate([across.transpose(0, 2, 1), remnant], axis=2)
         return term, -2.0 * slope, 2.0 * np.concatenate([upper, lower], axis=1)
 
@@ -262,17 +262,17 @@ class BandTerms:
         information -= (2.0 / size) * slope[:, :, None] * slope[:, None, :]
         information *= variance[:, None, None]
         # Far from the optimum it may take more than the squares have: then it is left out.
-        own = np.diagonal(products, axis1=1, axis2=2)[:, :-1]
-        unsound = (np.diagonal(information, axis1=1, axis2=2) < (0.02 - 1.0) * own).any(axis=1)
+        diagonal = np.diagonal(products, axis1=1, axis2=2)[:, :-1]
+        unsound = (np.diagonal(information, axis1=1, axis2=2) < (0.02 - 1.0) * diagonal).any(axis=1)
         information[unsound] = 0.0
-        found = products.copy()
-        found[:, :-1, :-1] += information
+        grams = products.copy()
+        grams[:, :-1, :-1] += information
         slope *= variance[:, None]
-        found[:, -1, :-1] -= slope
-        found[:, :-1, -1] -= slope
-        found *= np.exp(2.0 * term / size)[:, None, None]
-        found[~self.are_stable(loop[:, -1])] *= 1e3  # beyond all others
-        return np.asarray(found)
+        grams[:, -1, :-1] -= slope
+        grams[:, :-1, -1] -= slope
+        grams *= np.exp(2.0 * term / size)[:, None, None]
+        grams[~self.are_stable(loop[:, -1])] *= 1e3  # beyond all others
+        return np.asarray(grams)
 
 
 def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[FloatArray, FloatArray]:

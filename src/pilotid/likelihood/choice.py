@@ -202,30 +202,30 @@ def by_likelihood(
     settings = LikelihoodSettings(wide=(), weighed=tuple(dict.fromkeys(signals)), loop=loop)
     maxima: list[Optimum] = []
     for model in models:
-        found = maximise_likelihood(recording, model, fit_rng(seed, model.name), settings)
-        settings = replace(settings, noise=found.joint.noise)
-        maxima.append(found)
+        optimum = maximise_likelihood(recording, model, fit_rng(seed, model.name), settings)
+        settings = replace(settings, noise=optimum.joint.noise)
+        maxima.append(optimum)
     terms = tuple(
-        sorted({term for found in maxima for term in found.joint.prediction.nuisance_poles})
+        sorted({term for optimum in maxima for term in optimum.joint.prediction.nuisance_poles})
     )
-    scored = min(found.joint.prediction.scored for found in maxima)
-    return [_judged(recording, _with_terms(found, terms), scored) for found in maxima]
+    scored = min(optimum.joint.prediction.scored for optimum in maxima)
+    return [_judged(recording, _with_terms(optimum, terms), scored) for optimum in maxima]
 
 
-def _with_terms(found: Optimum, terms: tuple[float, ...]) -> Optimum:
+def _with_terms(optimum: Optimum, terms: tuple[float, ...]) -> Optimum:
     """The optimum with these nuisance terms."""
-    prediction, noise = found.joint.prediction, found.joint.noise
+    prediction, noise = optimum.joint.prediction, optimum.joint.noise
     if prediction.nuisance_poles == terms:
-        return found
+        return optimum
     joint = Likelihood(replace(prediction, nuisance_poles=terms), noise)
-    return replace(found, joint=joint).restarted_at(found.values)
+    return replace(optimum, joint=joint).restarted_at(optimum.values)
 
 
-def _judged(recording: Recording, found: Optimum, scored: int) -> Candidate:
+def _judged(recording: Recording, optimum: Optimum, scored: int) -> Candidate:
     """What an optimum says for its model by so many scored samples."""
-    values, prediction = found.values, replace(found.joint.prediction, scored=scored)
-    joint = Likelihood(prediction, found.joint.noise)
-    model, pilot = prediction.model, found.pilot
+    values, prediction = optimum.values, replace(optimum.joint.prediction, scored=scored)
+    joint = Likelihood(prediction, optimum.joint.noise)
+    model, pilot = prediction.model, optimum.pilot
     runs = prediction.runs
     left = [_left_out(joint, values, run) for run in range(runs)] if runs > 1 else []
     parameters, samples = len(values) + 1, joint.residuals
@@ -282,16 +282,16 @@ def fit_forced_response(
     seed
         Seed of the searches' random starts.
     """
-    found: dict[str, LinesFit] = {}
+    by_model: dict[str, LinesFit] = {}
     for model in sorted(models, key=lambda m: len(m.parameters)):
         starts = [
             _widened(simpler, model)
-            for simpler in found.values()
+            for simpler in by_model.values()
             if set(simpler.model.keys) < set(model.keys)
         ]
         rng = fit_rng(seed, model.name)
-        found[model.name] = fit_lines(recording, model, rng, starts=starts)
-    fits = [found[model.name] for model in models]
+        by_model[model.name] = fit_lines(recording, model, rng, starts=starts)
+    fits = [by_model[model.name] for model in models]
     # The power of the remnant as the model has it that leaves the least.
     power = min(fits, key=lambda fit: fit.misfit).power
     return [replace(fit, power=power).minimised() for fit in fits]
@@ -300,7 +300,8 @@ def fit_forced_response(
 def _widened(simpler: LinesFit, model: PilotModel) -> FloatArray:
     """A start for a model from the optimum of one that has some of its parameters."""
     known = dict(zip(simpler.model.keys, simpler.values.tolist(), strict=True))
-    return np.array([known.get(key, own) for key, own in zip(model.keys, model.start, strict=True)])
+    starts = zip(model.keys, model.start, strict=True)
+    return np.array([known.get(key, start) for key, start in starts])
 
 
 def _left_out_misfits(fit: LinesFit) -> tuple[float, ...]:
@@ -372,14 +373,14 @@ class _Judged:
     """Candidates on the recordings of one condition: what each leaves above the best."""
 
     def __init__(self, recordings: Sequence[Sequence[Candidate]]) -> None:
-        every = [candidate for own in recordings for candidate in own]
-        shared = set.intersection(*({c.model for c in own} for own in recordings))
+        every = [candidate for file in recordings for candidate in file]
+        shared = set.intersection(*({c.model for c in file} for file in recordings))
         self.names = [c.model for c in recordings[0] if c.model in shared]
-        self.files = [{c.model: c for c in own} for own in recordings]
+        self.files = [{c.model: c for c in file} for file in recordings]
         self.parameters = {n: self.files[0][n].pilot_parameters for n in self.names}
         self.by_lines = all(c.freedom > 0 for c in every)
         credible = self.names if self.by_lines else self._credible()
-        runs = sum(len(own[self.names[0]].left_out) for own in self.files)
+        runs = sum(len(file[self.names[0]].left_out) for file in self.files)
         self.many = runs >= RUNS and all(c.left_out for c in every if c.model in shared)
         # A constant pilot does not say when it changes: the time of change takes what is largest
         # by chance over all times, and a criterion that counts it as a parameter falls for it.
@@ -387,35 +388,35 @@ class _Judged:
         self.criterion = "chi_squared" if self.by_lines else "bic" if varies else "aicc"
         deficits = self._deficits(credible)
         best = min(credible, key=lambda name: (sum(deficits[name]), self.parameters[name]))
-        self.least = {name: np.subtract(own, deficits[best]) for name, own in deficits.items()}
-        self.left = {name: float(own.sum()) for name, own in self.least.items()}
+        self.least = {name: np.subtract(d, deficits[best]) for name, d in deficits.items()}
+        self.left = {name: float(above.sum()) for name, above in self.least.items()}
         self.close = [name for name in credible if name == best or not self._is_worse(name)]
         self.taken = min(self.close, key=lambda n: (self.parameters[n], self.left[n]))
 
     def is_pilot(self, name: str) -> bool:
         """Whether a model leaves pilots their delays."""
-        return sum(own[name].no_delay for own in self.files) <= DELAYLESS * len(self.files)
+        return sum(file[name].no_delay for file in self.files) <= DELAYLESS * len(self.files)
 
     def determines(self, name: str) -> bool:
         """Whether at least half of the recordings determine all parameters of a model."""
-        return 2 * sum(own[name].determined for own in self.files) >= len(self.files)
+        return 2 * sum(file[name].determined for file in self.files) >= len(self.files)
 
     def _credible(self) -> list[str]:
         """Models that explain about as much of the control as the best one."""
-        vaf = np.array([[own[name].vaf for name in self.names] for own in self.files])
+        vaf = np.array([[file[name].vaf for name in self.names] for file in self.files])
         near = (vaf >= vaf.max(axis=1, keepdims=True) - LOST).all(axis=0)
         return [*compress(self.names, near)] or [self.names[int(vaf.sum(axis=0).argmax())]]
 
     def _deficits(self, names: Sequence[str]) -> dict[str, list[float]]:
         """What models leave unexplained, in units of deviance: by run left out, else by file."""
         deficits: dict[str, list[float]] = {name: [] for name in names}
-        for own in self.files:
+        for file in self.files:
             # What even the best candidate cannot follow counts as noise.
             lines, size = self.by_lines, 1.0
             if lines:
-                size = max(1.0, min(own[n].chi_squared / own[n].freedom for n in names))
+                size = max(1.0, min(file[n].chi_squared / file[n].freedom for n in names))
             for name, unexplained in deficits.items():
-                candidate = own[name]
+                candidate = file[name]
                 if self.many:
                     unexplained += [m / size for m in candidate.left_out]
                 elif lines:
@@ -444,15 +445,15 @@ class _Judged:
             judge = f"{len(self.least[self.taken])} runs, each left out of its fit"
             what = "deviance"
         names = sorted(self.left, key=self.left.__getitem__)
-        told = f"{self.taken} was chosen among {listed(names)} {where} ({judge})."
+        sentence = f"{self.taken} was chosen among {listed(names)} {where} ({judge})."
         above = [(n, self.left[n] - self.left[self.taken]) for n in names if n != self.taken]
         if above:
             sizes = ", ".join(f"{name} {size:.0f}" for name, size in above)
-            told += f" The others' {what}, less that of {self.taken}: {sizes}."
+            sentence += f" The others' {what}, less that of {self.taken}: {sizes}."
         if lost := [name for name in self.names if name not in names]:
-            told += f" Not credible, with a VAF more than {LOST:g} points below the best: "
-            told += f"{listed(lost)}."
-        return told
+            sentence += f" Not credible, with a VAF more than {LOST:g} points below the best: "
+            sentence += f"{listed(lost)}."
+        return sentence
 
 
 def choose_jointly(
@@ -474,16 +475,16 @@ def choose_jointly(
     models
         The candidates' models by name.
     """
-    judged = {condition: _Judged(held) for condition, held in conditions.items()}
+    judged = {condition: _Judged(files) for condition, files in conditions.items()}
     groups: dict[frozenset[str], list[_Judged]] = {}
-    for own in judged.values():
-        groups.setdefault(_inputs(models[own.taken]), []).append(own)
+    for one in judged.values():
+        groups.setdefault(_inputs(models[one.taken]), []).append(one)
 
     def rank(name: str, members: Sequence[_Judged]) -> tuple[bool, bool, float, float]:
         """Whether a model does not suit, and is no pilot; parameters, or misfit; misfit."""
-        left = sum(own.left.get(name, math.inf) for own in members)
-        delayless = not all(own.is_pilot(name) for own in members)
-        suits = not delayless and all(name in own.close for own in members)
+        left = sum(one.left.get(name, math.inf) for one in members)
+        delayless = not all(one.is_pilot(name) for one in members)
+        suits = not delayless and all(name in one.close for one in members)
         return not suits, delayless, members[0].parameters[name] if suits else left, left
 
     options = []
@@ -493,18 +494,18 @@ def choose_jointly(
             able = [
                 name
                 for name in members[0].names
-                if all(name in own.names and own.determines(name) for own in members)
+                if all(name in one.names and one.determines(name) for one in members)
                 and (_inputs(models[name]), _on_error(models[name])) == (inputs, family)
             ]
             if able:
                 best[inputs] = min((rank(name, members), name) for name in able)
         if len(best) == len(groups):
-            ranks = tuple(map(sum, zip(*(own for own, _ in best.values()), strict=True)))
+            ranks = tuple(map(sum, zip(*(ranked for ranked, _ in best.values()), strict=True)))
             options.append((ranks, {inputs: name for inputs, (_, name) in best.items()}))
     if not options:
         return {}, False
     (unsuited, *_), names = min(options, key=lambda option: option[0])
-    chosen = {c: names[_inputs(models[own.taken])] for c, own in judged.items()}
+    chosen = {c: names[_inputs(models[one.taken])] for c, one in judged.items()}
     return chosen, not unsuited
 
 
@@ -541,7 +542,7 @@ def select(
     recording: Recording,
     models: Sequence[PilotModel] = (),
     seed: int = DEFAULT_SEED,
-    held: str | None = None,
+    fixed: str | None = None,
 ) -> Selection:
     """Choose a model for one recording.
 
@@ -553,18 +554,18 @@ def select(
         The candidates; none for those of the catalogue that the recording can tell apart.
     seed
         Seed of the searches' random starts.
-    held
+    fixed
         Parameters of the catalogue's models that are held or bounded, see
         `pilotid.model.catalogue.with_held`.
     """
-    among = {m.name: m for m in models or with_held(default_candidates(recording), held)}
+    among = {m.name: m for m in models or with_held(default_candidates(recording), fixed)}
     if all(motionless_input(recording, model) for model in among.values()):
         first = next(iter(among.values()))
         return Selection(first, "No model has all its inputs in the recording.", ())
     candidates = compare_models(recording, list(among.values()), seed)
     choice = choose_model([candidates])
-    told = choice.reason
+    reason = choice.reason
     if not models:
         tried = {candidate.model for candidate in candidates}
-        told += f" Not tried: {listed([name for name in MODELS if name not in tried])}."
-    return Selection(among[choice.model], told.strip(), tuple(candidates))
+        reason += f" Not tried: {listed([name for name in MODELS if name not in tried])}."
+    return Selection(among[choice.model], reason.strip(), tuple(candidates))

@@ -583,9 +583,9 @@ def score_of_changes(
     changes = []
     for place, tail in zip(places, tails, strict=True):
         # What constant parameters, estimated along with it, make of a change is no sign of one.
-        across, own = tail[:, :-1], tail[:, varying]
+        across, within = tail[:, :-1], tail[:, varying]
         score = tail[:, -1] - across @ (inverse @ (jacobian @ errors))
-        covariance = root.T @ (own - across @ inverse @ across.T) @ root
+        covariance = root.T @ (within - across @ inverse @ across.T) @ root
         sizes, directions = np.linalg.eigh(0.5 * (covariance + covariance.T))
         tested = sizes > ESTIMATE.shared_by_halves
         along = directions[:, tested].T @ root.T @ score

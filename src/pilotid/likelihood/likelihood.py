@@ -81,15 +81,15 @@ class Likelihood(Problem):
 
     def products(self, values: FloatArray) -> FloatArray:
         """Inner products of `rows`, see `Problem.products`; in a band those of its likelihood."""
-        found = (self.coarse if self.adjoint else self).squares(values)
+        grams = (self.coarse if self.adjoint else self).squares(values)
         if self.adjoint:
             lasts = np.array([self.last(each) for each in values])
             if self.band_terms is not None:
                 lasts += self.outside(values)[:, -1]
-            found[:, -1] = found[:, :, -1] = lasts
+            grams[:, -1] = grams[:, :, -1] = lasts
         if self.band_terms is None:
-            return found
-        return self.band_terms.add_log_determinant(found, *self._determined(values))
+            return grams
+        return self.band_terms.add_log_determinant(grams, *self._determined(values))
 
     def squares(self, values: FloatArray) -> FloatArray:
         """Inner products of `rows`, in a band weighted and with those outside, of its squares."""
@@ -100,8 +100,8 @@ class Likelihood(Problem):
         else:
             rows = prediction.weighted_rows(self.rows(values))
         flat = rows.reshape(*rows.shape[:2], -1)
-        found = np.asarray(flat @ flat.transpose(0, 2, 1))
-        return found if self.band_terms is None else found + self.outside(values)
+        grams = np.asarray(flat @ flat.transpose(0, 2, 1))
+        return grams if self.band_terms is None else grams + self.outside(values)
 
     def _regressed(self, values: FloatArray) -> FloatArray:
         """Weighted `rows` with an autoregression: all lags of the residual are of one transform."""
@@ -130,11 +130,11 @@ class Likelihood(Problem):
         taps, slopes = self.noise.taps(values[:, self.pilot_count :], self.band)
         rows = np.concatenate([-slopes, taps[:, None]], axis=1)
         count = rows.shape[-1]
-        found = np.zeros((len(values), values.shape[1] + 1, values.shape[1] + 1))
-        found[:, self.pilot_count :, self.pilot_count :] = (
+        grams = np.zeros((len(values), values.shape[1] + 1, values.shape[1] + 1))
+        grams[:, self.pilot_count :, self.pilot_count :] = (
             rows @ self.band_terms.outside[:count, :count] @ rows.transpose(0, 2, 1)
         )
-        return found
+        return grams
 
     def _determined(self, values: FloatArray) -> tuple[ComplexArray, FloatArray, FloatArray]:
         """What `BandTerms.log_determinant` needs of parameter sets."""
@@ -205,7 +205,7 @@ class Likelihood(Problem):
             Shape (parameters + 1,).
         """
         prediction, length = self.prediction, self.prediction.length
-        found, parts = prediction.channel_parts(values[: self.pilot_count])
+        evaluated, parts = prediction.channel_parts(values[: self.pilot_count])
         residual = prediction.control_spectrum - reduce(np.add, parts)
         taps, slopes = self.noise.taps(values[None, self.pilot_count :], self.band)
         filters = prediction.filter_response(np.concatenate([slopes[0], taps]))
@@ -221,6 +221,6 @@ class Likelihood(Problem):
             counted[-1] = 1.0 / length
         # What times a transform, summed over bins, is the product of its samples with the errors.
         adjoint = np.fft.rfft(padded).conj() * counted
-        by_pilot = prediction.slopes_along(found, parts, filters[-1] * adjoint)
+        by_pilot = prediction.slopes_along(evaluated, parts, filters[-1] * adjoint)
         by_remnant = -(filters[:-1] @ np.sum(residual * adjoint, axis=0)).real
         return np.concatenate([by_pilot, by_remnant, [np.vdot(plain, errors)]])

@@ -225,12 +225,12 @@ class Optimum:
         """Covariance of the pilot's parameters, None if it is singular."""
         information = self.end.gram[0, :-1, :-1]
         variance, pilot = self.variance * self.variance_factor, slice(self.joint.pilot_count)
-        found = covariance_of(information, variance)
-        if found is None:
+        covariance = covariance_of(information, variance)
+        if covariance is None:
             # A remnant without a shape (next to none, or white) leaves its own parameters
             # open, but not the pilot's.
-            found = covariance_of(information[pilot, pilot], variance)
-        return None if found is None else found[pilot, pilot]
+            covariance = covariance_of(information[pilot, pilot], variance)
+        return None if covariance is None else covariance[pilot, pilot]
 
     @property
     def remnant(self) -> RemnantEstimate:

@@ -350,7 +350,7 @@ class Prediction:
             Parameter sets, shape (sets, parameters).
         """
         responses = self.model.moving_responses(self.s, values)
-        answers = [r[:, None] * own for r, own in zip(responses, self.inputs, strict=True)]
+        answers = [r[:, None] * signal for r, signal in zip(responses, self.inputs, strict=True)]
         for c, fine in enumerate(self.fine):
             if fine:
                 indices = list(self.model.changing_indices[c])
@@ -409,33 +409,33 @@ class Prediction:
         model, (sets, count) = self.model, values.shape
         rows = count + between + 1
         spectrum = np.zeros((sets, rows, *self.control_spectrum.shape), dtype=complex)
-        found = model.evaluated(self.s, values)
+        evaluated = model.evaluated(self.s, values)
         parts: list[ComplexArray] = []
         left = self.control_spectrum
-        responses = model.responses_of(found)
+        responses = model.responses_of(evaluated)
         for c, (response, fixed) in enumerate(zip(responses, self.inputs, strict=True)):
             part = response[:, None] * fixed
             if fine := self.fine[c]:
-                own = model.changing_indices[c]
-                signal, by_own = fine.modulated(values[:, list(own)])
-                for place, index in enumerate(own):
-                    spectrum[:, index] += by_own[:, place] * part
+                indices = model.changing_indices[c]
+                signal, by_index = fine.modulated(values[:, list(indices)])
+                for place, index in enumerate(indices):
+                    spectrum[:, index] += by_index[:, place] * part
                 part = part * signal
             left = np.subtract(left, part, out=spectrum[:, -1])
             parts.append(part)
-        for index, slope, total in self._slopes(found, parts):
+        for index, slope, total in self._slopes(evaluated, parts):
             spectrum[:, index] += (slope[:, None] if slope.ndim > 1 else slope) * total
         return spectrum
 
     def _slopes(
-        self, found: Sequence[Evaluated], parts: Sequence[ComplexArray]
+        self, evaluated: Sequence[Evaluated], parts: Sequence[ComplexArray]
     ) -> Iterator[tuple[int, Response, ComplexArray]]:
         """Each log-derivative of the dynamics: its parameter, itself, and what it multiplies.
 
         What channels share, as the neuromuscular system, has its slopes by the sum of their parts.
         """
         for (_, slopes), (_, indices), channels in zip(
-            found, self.model.moving, self.model.sharing, strict=True
+            evaluated, self.model.moving, self.model.sharing, strict=True
         ):
             total = reduce(np.add, [parts[c] for c in channels])
             for index, slope in zip(indices, slopes, strict=True):
@@ -446,25 +446,25 @@ class Prediction:
 
         The latter are transforms of the prediction, shape (runs, bins).
         """
-        found = self.model.evaluated(self.s, values[None])
-        responses = self.model.responses_of(found)
-        return found, [r[0] * own for r, own in zip(responses, self.inputs, strict=True)]
+        evaluated = self.model.evaluated(self.s, values[None])
+        responses = self.model.responses_of(evaluated)
+        return evaluated, [r[0] * signal for r, signal in zip(responses, self.inputs, strict=True)]
 
     def slopes_along(
-        self, found: list[Evaluated], parts: list[ComplexArray], adjoint: ComplexArray
+        self, evaluated: list[Evaluated], parts: list[ComplexArray], adjoint: ComplexArray
     ) -> FloatArray:
         """Products of the prediction's Jacobian with an adjoint, summed, shape (parameters,).
 
         Parameters
         ----------
-        found, parts
+        evaluated, parts
             See `channel_parts`.
         adjoint
             What transforms are multiplied by, shape (runs, bins).
         """
         along = [np.sum(part * adjoint, axis=0) for part in parts]
         products = np.zeros(len(self.model.parameters))
-        for index, slope, total in self._slopes(found, along):
+        for index, slope, total in self._slopes(evaluated, along):
             products[index] += np.sum(slope * total).real
         return products
 
@@ -675,9 +675,9 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         s=np.asarray(2j * np.pi * np.fft.rfftfreq(length, prepared.dt), dtype=complex),
         spectra=tuple(
             channel.sign * transformed(signal, below)
-            if own is None
+            if varying is None
             else np.ones((recording.runs, length // 2 + 1), dtype=complex)
-            for channel, signal, below, own in zip(
+            for channel, signal, below, varying in zip(
                 model.channels, prepared.inputs, prepared.edges, fine, strict=True
             )
         ),

@@ -165,10 +165,10 @@ class Prepared:
         self.control = derivative(recording.u, 0, factor, recording.dt, centres)
         channels = [(recording.input(c.on), c.derivative) for c in model.channels]
         #: Per channel, its input (or the derivative it acts on), of the same shape.
-        self.inputs = [derivative(*own, factor, recording.dt, centres) for own in channels]
+        self.inputs = [derivative(*channel, factor, recording.dt, centres) for channel in channels]
         #: Per channel, the lower derivatives of its input at the first and last sample, from the
         #: input itself (less its mean) upwards; shape (derivative, 2, runs).
-        self.edges = [edges(*own, factor, recording.dt, centres) for own in channels]
+        self.edges = [edges(*channel, factor, recording.dt, centres) for channel in channels]
 
 
 @lru_cache

@@ -173,8 +173,8 @@ def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
     joint, model = optimum.joint, optimum.joint.prediction.model
     factors = [factor for channel in model.channels for factor in channel.dynamics]
     systems = {factor: None for factor in factors if isinstance(factor, Neuromuscular)}
-    for own in systems:
-        f, d = model.index[own.frequency_key], model.index[own.damping_key]
+    for system in systems:
+        f, d = model.index[system.frequency_key], model.index[system.damping_key]
         start = optimum.values.copy()
         usual = (
             FREQUENCIES[0] < start[f] < FREQUENCIES[-1] and DAMPINGS[0] < start[d] < DAMPINGS[-1]
@@ -198,6 +198,6 @@ def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
             )
             if end.cost[0] < limit:
                 low, high = intervals.T
-                own = end.values[0, : joint.pilot_count]
-                intervals = np.stack([np.minimum(low, own), np.maximum(high, own)], axis=1)
+                point = end.values[0, : joint.pilot_count]
+                intervals = np.stack([np.minimum(low, point), np.maximum(high, point)], axis=1)
     return intervals

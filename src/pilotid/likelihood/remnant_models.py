@@ -141,12 +141,12 @@ class LowPass(RemnantFamily):
         power, log_slopes = self.power(band.folded[0], values)
         by_parameter = np.array([power * slope for slope in log_slopes])
         by_parameter = by_parameter.reshape(len(self.keys), *power.shape)
-        own = band.autocovariance(power, self.reach)
+        autocovariance = band.autocovariance(power, self.reach)
         own_slopes = band.autocovariance(by_parameter, self.reach)
         lags = np.abs(np.subtract.outer(np.arange(self.reach), np.arange(self.reach)))
-        inverse = np.linalg.inv(own[:, lags])
-        taps = np.ones_like(own)
-        taps[:, 1:] = -(inverse @ own[:, 1:, None])[..., 0]
+        inverse = np.linalg.inv(autocovariance[:, lags])
+        taps = np.ones_like(autocovariance)
+        taps[:, 1:] = -(inverse @ autocovariance[:, 1:, None])[..., 0]
         slopes = np.zeros((len(taps), len(own_slopes), self.reach + 1))
         right = own_slopes[..., 1:, None] + own_slopes[..., lags] @ taps[:, 1:, None]
         slopes[:, :, 1:] = np.swapaxes(-(inverse @ right)[..., 0], 0, 1)
@@ -240,13 +240,13 @@ class Autoregressive(RemnantFamily):
         return np.concatenate([one, values], axis=1), slopes
 
     def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
-        own = products[: self.order + 1, : self.order + 1]
+        matrix = products[: self.order + 1, : self.order + 1]
         try:
-            values = np.asarray(-np.linalg.solve(own[1:, 1:], own[1:, 0]))
+            values = np.asarray(-np.linalg.solve(matrix[1:, 1:], matrix[1:, 0]))
         except np.linalg.LinAlgError:  # rounding errors are all that is left: white will do
             values = np.zeros(self.order)
         taps = np.concatenate([[1.0], values])
-        return values, float(taps @ own @ taps)
+        return values, float(taps @ matrix @ taps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,11 +379,11 @@ def guesses(
     models
         Which models.
     """
-    found = []
+    fits = []
     for model in models:
         values, power = model.guess(products, band)
-        found.append(Guess(criterion(model, power, samples), model, values))
-    return found
+        fits.append(Guess(criterion(model, power, samples), model, values))
+    return fits
 
 
 def neighbours(model: NoiseModel) -> list[NoiseModel]:

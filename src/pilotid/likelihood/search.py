@@ -245,9 +245,9 @@ def _rates(recording: Recording, settings: LikelihoodSettings) -> Iterator[float
         return
     factor = decimation(recording.dt, settings.band)
     for rate in settings.wide:
-        if rate > settings.band and (own := decimation(recording.dt, rate)) < factor:
+        if rate > settings.band and (other := decimation(recording.dt, rate)) < factor:
             yield rate
-            factor = own
+            factor = other
 
 
 def wide_enough(first: Optimum) -> bool:
@@ -326,10 +326,10 @@ def sweep(
     candidates, agreeing = optima(passed, samples, far=1000.0)
     candidates = np.concatenate([candidates, lines])
     if len(candidates) > 1:
-        own = with_remnants(first.joint, candidates)
-        own = own.only(check.which(own))
+        rematched = with_remnants(first.joint, candidates)
+        rematched = rematched.only(check.which(rematched))
         # Binned spectra missed 170 in deviance once (populations).
-        candidates = optima(own, samples, far=300.0)[0][:, : first.joint.pilot_count]
+        candidates = optima(rematched, samples, far=300.0)[0][:, : first.joint.pilot_count]
     given_up = np.delete(rough.cost, [start for group in met for start in group])
     cost = np.sort(np.concatenate([np.repeat(ends.cost, sizes), given_up]))
     return candidates, Starts(cost / cost[0], agreeing), check
@@ -376,11 +376,11 @@ def clusters(indices: Iterable[int], near: Callable[[int, int], bool]) -> list[l
     """
     groups: list[list[int]] = []
     for index in indices:
-        own = next((group for group in groups if near(group[0], index)), None)
-        if own is None:
+        nearest = next((group for group in groups if near(group[0], index)), None)
+        if nearest is None:
             groups.append([index])
         else:
-            own.append(index)
+            nearest.append(index)
     return groups
 
 
@@ -468,22 +468,20 @@ class RemnantChoice:
         Its model is chosen anew as the pilot moves, in as many rounds at most.
         """
         compared = COMPARED_TOLERANCE
-        found = self._adopt(self._best_of(None, compared))
+        best = self._adopt(self._best_of(None, compared))
         for _ in range(0 if self.noise else ROUNDS - 1):
-            before, found = found, self._adopt(self._best_of(None, compared))
-            if found.joint.noise == before.joint.noise:
+            before, best = best, self._adopt(self._best_of(None, compared))
+            if best.joint.noise == before.joint.noise:
                 break
         # Of many long autoregressions the first that suits depends on where the search came from.
-        while others := [] if self.noise else neighbours(found.joint.noise):
+        while others := [] if self.noise else neighbours(best.joint.noise):
             better = self._best_of(others, compared)
-            if abs(better.criterion - found.criterion + 0.1) < found.remaining_decrease:
-                found, better = (
-                    self._refined_to(fit, REPORTED_TOLERANCE) for fit in (found, better)
-                )
-            if not better.criterion < found.criterion - 0.1:
+            if abs(better.criterion - best.criterion + 0.1) < best.remaining_decrease:
+                best, better = (self._refined_to(fit, REPORTED_TOLERANCE) for fit in (best, better))
+            if not better.criterion < best.criterion - 0.1:
                 break
-            found = self._adopt(better)
-        return replace(found, iterations=self.iterations)
+            best = self._adopt(better)
+        return replace(best, iterations=self.iterations)
 
     def _adopt(self, fit: Optimum) -> Optimum:
         self.pilot = fit.pilot
@@ -557,12 +555,12 @@ def _best_and_competing(tried: Sequence[Optimum]) -> tuple[Optimum, list[FloatAr
     return best, competing
 
 
-def _with_change_elsewhere(found: Optimum) -> Optimum:
+def _with_change_elsewhere(optimum: Optimum) -> Optimum:
     """The optimum, or a better one where a change in time lies elsewhere."""
-    joint, remnant = found.joint, found.values[found.joint.pilot_count :]
-    others = joint.prediction.model.changes_elsewhere(found.pilot)
+    joint, remnant = optimum.joint, optimum.values[optimum.joint.pilot_count :]
+    others = joint.prediction.model.changes_elsewhere(optimum.pilot)
     if not others:
-        return found
+        return optimum
     starts = np.array([np.concatenate([other, remnant]) for other in others])
     ends = minimise(joint.gram, starts, joint, tolerance=1e-4, iterations=20)
-    return found.restarted_at(ends.values[0]) if ends.cost[0] < found.end.cost[0] else found
+    return optimum.restarted_at(ends.values[0]) if ends.cost[0] < optimum.end.cost[0] else optimum

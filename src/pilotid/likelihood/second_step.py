@@ -128,8 +128,8 @@ def second_step(
             f"the frequency response gives {problem.residuals} independent numbers, too few for "
             f"the {len(model.parameters)} parameters of model {model.name}",
         )
-    found = search(problem.gram, model, rng, known=known, candidates=12, refined=4)
-    end = minimise(problem.gram, found.values[:1], model)
+    minima = search(problem.gram, model, rng, known=known, candidates=12, refined=4)
+    end = minimise(problem.gram, minima.values[:1], model)
     values = end.values[0]
     cost = float(end.cost[0])
     # The standardised residuals' variance is 1 unless it is clearly larger.
@@ -144,8 +144,8 @@ def second_step(
     return replace(
         estimate,
         intervals=profile_intervals(problem.gram, model, end, variance, len(values)).intervals,
-        iterations=found.iterations + end.iterations,
-        starts=starts_of(found),
+        iterations=minima.iterations + end.iterations,
+        starts=starts_of(minima),
         frequency_response=response,
     )
 

@@ -235,19 +235,19 @@ def model_named(text: str) -> PilotModel:
         If there is none; the message lists the names there are.
     """
     if is_place(text):
-        own: object = load_object(text)
-        if not isinstance(own, PilotModel):
+        loaded: object = load_object(text)
+        if not isinstance(loaded, PilotModel):
             raise InputError(
                 f"{text}: is no PilotModel; write NAME = PilotModel('name', (Channel(...), ...)) "
                 "there"
             )
-        require_name(own.name, "model")
-        fault = fault_of(own)
-        if MODELS.get(own.name, own) != own:
-            fault = f"has the name '{own.name}' of another model; give it a name of its own"
+        require_name(loaded.name, "model")
+        fault = fault_of(loaded)
+        if MODELS.get(loaded.name, loaded) != loaded:
+            fault = f"has the name '{loaded.name}' of another model; give it a name of its own"
         if fault:
             raise InputError(f"{text}: {fault}")
-        return own
+        return loaded
     name, model = from_catalogue(text, MODELS, "model", "NAME")
     if model != MODELS[name] and model.name == name:
         model = replace(model, name=name_of(text))

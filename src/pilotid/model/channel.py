@@ -114,9 +114,9 @@ class Changing:
         Arrays of shape (sets, runs, n) and (sets, parameters, runs, n).
         """
         share = share_passed(time, values)
-        own = _at(values, share)
+        at = _at(values, share)
         by_own = [
-            _weighted(product_of(self._coefficients(own, by=i)), signals) for i in range(len(own))
+            _weighted(product_of(self._coefficients(at, by=i)), signals) for i in range(len(at))
         ]
         slopes = np.empty((len(values), values.shape[1], *signals.shape[1:]))
         for i, by in enumerate(by_own):
@@ -128,7 +128,7 @@ class Changing:
         for place, slope in ((-2, -rate * steep), (-1, (time - middle) * steep)):
             parts = [by * (step[:, i, None] * slope)[:, None] for i, by in enumerate(by_own)]
             slopes[:, place] = reduce(np.add, parts)
-        return _weighted(product_of(self._coefficients(own)), signals), slopes
+        return _weighted(product_of(self._coefficients(at)), signals), slopes
 
     def _coefficients(
         self, parameters: Sequence[FloatArray | float], by: int | None = None
@@ -140,11 +140,11 @@ class Changing:
         result, first = [], 0
         for factor in self.factors:
             last = first + len(factor.parameters)
-            own = [np.asarray(value, dtype=float) for value in parameters[first:last]]
-            coefficients = factor.coefficients(own)
+            values = [np.asarray(value, dtype=float) for value in parameters[first:last]]
+            coefficients = factor.coefficients(values)
             if by is not None and first <= by < last:
-                own[by - first] = own[by - first] + 1.0
-                further = factor.coefficients(own)
+                values[by - first] = values[by - first] + 1.0
+                further = factor.coefficients(values)
                 coefficients = tuple(b - a for a, b in zip(coefficients, further, strict=True))
             result.append(coefficients)
             first = last

@@ -177,8 +177,8 @@ class Factor:
         for i, value in enumerate(values):
             step = STEP * np.maximum(np.abs(value), LEAST_VALUE)
             ahead, behind = (
-                self.response(s, [*values[:i], value + own, *values[i + 1 :]])
-                for own in (step, -step)
+                self.response(s, [*values[:i], value + offset, *values[i + 1 :]])
+                for offset in (step, -step)
             )
             slopes.append((ahead - behind) * (inverse / (2.0 * step)))
         return response, tuple(slopes)
@@ -225,7 +225,7 @@ class Held(Factor):
     def _all(self, values: Sequence[Any]) -> list[Any]:
         """The values of all parameters."""
         free = iter(values)
-        return [next(free) if held is None else held for held in self._constants]
+        return [next(free) if constant is None else constant for constant in self._constants]
 
     def response(self, s: ComplexArray, values: Values) -> Response:
         return self.factor.response(s, self._all(values))

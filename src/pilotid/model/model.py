@@ -147,10 +147,10 @@ class PilotModel:
             return 0.0
         longest = 0.0
         for factor, indices in {placed for layout in self.layout for placed in layout}:
-            own = [values[i] for i in indices]
-            if factor.fixed_poles or factor.seconds(own) is not None:
+            lags = [values[i] for i in indices]
+            if factor.fixed_poles or factor.seconds(lags) is not None:
                 continue
-            poles = np.roots(factor.rational([float(value) for value in own], 1)[1])
+            poles = np.roots(factor.rational([float(value) for value in lags], 1)[1])
             real = poles.real[(poles.imag == 0.0) & (poles.real < 0.0)]
             longest = max(longest, *(-1.0 / real).tolist(), 0.0)
         return longest
@@ -248,7 +248,7 @@ class PilotModel:
     def sharing(self) -> tuple[tuple[int, ...], ...]:
         """For each of `moving`, the channels that have it, as often as they do."""
         return tuple(
-            tuple(c for c, own in enumerate(self.places) for each in own if each == place)
+            tuple(c for c, places in enumerate(self.places) for each in places if each == place)
             for place in range(len(self.moving))
         )
 
@@ -316,8 +316,8 @@ class PilotModel:
         for (factor, indices), channels in zip(self.moving, self.sharing, strict=True):
             if isinstance(factor, Lag | Lead):
                 groups.setdefault((type(factor), channels), []).extend(indices)
-        shorter_first = (sorted(own, key=lambda i: self.usual[0, i]) for own in groups.values())
-        return tuple(pair for own in shorter_first for pair in combinations(own, 2))
+        shorter_first = (sorted(group, key=lambda i: self.usual[0, i]) for group in groups.values())
+        return tuple(pair for group in shorter_first for pair in combinations(group, 2))
 
     def ordered(self, sets: FloatArray) -> FloatArray:
         """The same pilots, the shorter of `exchangeable` first, where bounds allow for it.

@@ -85,20 +85,20 @@ def signals(
     begin, end = span or (0.0, float(time[-1]))
     inside = (time >= begin) & (time <= end)
     axes.plot(time[inside], control[inside], color=INK, linewidth=0.7, label="recorded")
-    for own in named(estimates):
-        if not own.known:
+    for shown in named(estimates):
+        if not shown.known:
             continue
-        frame = own.estimate.simulate(recording)
+        frame = shown.estimate.simulate(recording)
         frame = frame[frame.run == run + 1]
         reach = Z95 * float(np.std(frame.control - frame.simulated))
         frame = frame[frame.time.between(begin, end)]
         response = frame.simulated
         if band:
-            axes.fill_between(frame.time, response - reach, response + reach, color=own.colour,
+            axes.fill_between(frame.time, response - reach, response + reach, color=shown.colour,
                               alpha=0.2, linewidth=0.0)  # fmt: skip
             band = False
-        axes.plot(frame.time, response, color=own.colour, linestyle=own.dash, linewidth=1.4,
-                  label=own.label)  # fmt: skip
+        axes.plot(frame.time, response, color=shown.colour, linestyle=shown.dash, linewidth=1.4,
+                  label=shown.label)  # fmt: skip
     label = with_unit("control u", recording.units.get("u", ""))
     axes.set(ylabel=label, xlabel="time [s]", xlim=(begin, end))
     # Above the axes, since signals are everywhere inside them.
@@ -128,19 +128,19 @@ def remnant(
         Where to draw; None makes a new figure by pyplot.
     """
     axes, chosen = axes if axes is not None else new_axes(), leading(estimates)
-    for own in named(estimates):
-        model, highest = own.estimate.remnant, BAND
+    for styled in named(estimates):
+        model, highest = styled.estimate.remnant, BAND
         if model is not None:
             highest = INSIDE * float(model.omega[-1])
             shown = model.omega <= highest
-            axes.plot(model.omega[shown], model.density[shown], color=own.colour,
-                      linestyle=own.dash, linewidth=1.4, label=own.label)  # fmt: skip
-        if recording is not None and own.estimate is chosen:
-            omega, density = _spectrum(recording, own.estimate)
+            axes.plot(model.omega[shown], model.density[shown], color=styled.colour,
+                      linestyle=styled.dash, linewidth=1.4, label=styled.label)  # fmt: skip
+        if recording is not None and styled.estimate is chosen:
+            omega, density = _spectrum(recording, styled.estimate)
             shown = omega <= highest
-            axes.plot(omega[shown], density[shown], own.marker, color=own.colour,
+            axes.plot(omega[shown], density[shown], styled.marker, color=styled.colour,
                       markersize=3.5, markerfacecolor="white",
-                      label=f"{own.label}: residual")  # fmt: skip
+                      label=f"{styled.label}: residual")  # fmt: skip
     axes.set(xscale="log", yscale="log")
     draw_grid(axes)
     axes.minorticks_off()
@@ -198,19 +198,19 @@ def correlation(
     """
     axes = axes if axes is not None else new_axes()
     begin, reach = (-0.5 * LAGS if signal else 0.0), 0.0
-    for own in filter(lambda own: own.known, named(estimates)):
-        errors = prediction_errors(recording, own.estimate)
+    for shown in filter(lambda shown: shown.known, named(estimates)):
+        errors = prediction_errors(recording, shown.estimate)
         against = errors.inputs.get(signal) if signal else errors.errors
         if against is None:
             raise InputError(
-                f"no channel of model {own.estimate.model.name} acts on {signal}: choose "
+                f"no channel of model {shown.estimate.model.name} acts on {signal}: choose "
                 f"{', '.join(errors.inputs)}"
             )
         longest = min(round(LAGS / errors.dt), int(errors.errors.shape[1]) - 1)
         lags = range(-longest // 2, 1 + longest) if signal else range(1, 1 + longest)
         drawn = correlations(errors.errors, against, lags)
         times, limit = errors.dt * np.array(lags), Z95 / float(np.sqrt(errors.errors.size))
-        axes.plot(times, drawn, color=own.colour, linestyle=own.dash, label=own.label)
+        axes.plot(times, drawn, color=shown.colour, linestyle=shown.dash, label=shown.label)
         for side in (-limit, limit):
             axes.axhline(side, color=INK, linewidth=0.7, linestyle=(0, (4.0, 2.0)))
         reach = max(reach, 1.25 * limit, 1.25 * float(np.max(np.abs(drawn))))
@@ -286,8 +286,8 @@ def _legend_above(figure: Figure, columns: int) -> None:
     """One legend for all axes, where it hides none of them."""
     handles, labels = figure.axes[0].get_legend_handles_labels()
     for axes in figure.axes:
-        if (own := axes.get_legend()) is not None:
-            own.remove()
+        if (legend := axes.get_legend()) is not None:
+            legend.remove()
     if labels:
         figure.legend(handles, labels, loc="outside upper left", ncols=columns, frameon=False)
 
@@ -341,9 +341,9 @@ def corner(draws: Draws, units: dict[str, str]) -> Figure:
 
 
 def _marginal(axes: Axes, draws: Draws, index: int, limits: FloatArray) -> None:
-    own = draws.values[:, index]
-    axes.hist(own, bins=40, range=tuple(limits), color=COLOUR, histtype="step")
-    for place in (own.mean(), *np.quantile(own, TAILS)):
+    sample = draws.values[:, index]
+    axes.hist(sample, bins=40, range=tuple(limits), color=COLOUR, histtype="step")
+    for place in (sample.mean(), *np.quantile(sample, TAILS)):
         axes.axvline(place, color=GREY, linestyle="--", linewidth=0.7)
     axes.set_yticks([])
 

@@ -105,19 +105,19 @@ def _draw_channel(
 ) -> None:
     bode = Bode(axes, np.geomspace(*_shown(estimates, points), POINTS))
     banded = leading(estimates)
-    for own in named(estimates):
-        estimate, names = own.estimate, [c.name for c in own.estimate.model.channels]
+    for shown in named(estimates):
+        estimate, names = shown.estimate, [c.name for c in shown.estimate.model.channels]
         if channel not in names:
             continue
         index = names.index(channel)
-        for number, end in enumerate(_ends(estimate.model) if own.known else ()):
+        for number, end in enumerate(_ends(estimate.model) if shown.known else ()):
             response, errors = fitted_response(estimate, index, bode.omega, end)
-            label = f"{own.label}, after the change" if number else own.label
-            dash = LATER if number else own.dash
-            bode.line(response, own.colour, label, dash, errors if estimate is banded else None)
-        if (found := estimate.frequency_response) is not None:
-            label = "" if own.known else own.label
-            bode.points(found, index, own.colour, own.marker, label)
+            label = f"{shown.label}, after the change" if number else shown.label
+            dash = LATER if number else shown.dash
+            bode.line(response, shown.colour, label, dash, errors if estimate is banded else None)
+        if (measured := estimate.frequency_response) is not None:
+            label = "" if shown.known else shown.label
+            bode.points(measured, index, shown.colour, shown.marker, label)
     model = estimates[0].model
     index = [c.name for c in model.channels].index(channel)
     if points is not None:
@@ -165,7 +165,7 @@ def open_loop(
     loops = np.array(open_loops(model, values, element, bode.omega))
     with np.errstate(invalid="ignore", divide="ignore"):  # a loop without a channel is zero
         slopes = np.array(loop_slopes(model, values, element, bode.omega))
-    errors = [_errors(own, estimate.covariance) for own in slopes]
+    errors = [_errors(slope, estimate.covariance) for slope in slopes]
     same = bool(np.allclose(loops[0], loops[1]))
     above.axhline(1.0, color=INK, linewidth=0.6)
     drawn = [*zip(loops, errors, margins(model, values, element), LOOP_STYLES, strict=True)]
@@ -204,10 +204,10 @@ def _errors(slopes: ComplexArray, covariance: FloatArray) -> FloatArray:
 def _shown(estimates: Sequence[Estimate], points: FrequencyResponse | None) -> tuple[float, float]:
     """Range of frequencies [rad/s] that holds all points of first steps."""
     responses = [*(e.frequency_response for e in estimates), points]
-    found = [response.omega for response in responses if response is not None]
-    if not found:
+    frequencies = [response.omega for response in responses if response is not None]
+    if not frequencies:
         return USUAL
-    every = np.concatenate(found)
+    every = np.concatenate(frequencies)
     return float(0.8 * every.min()), float(1.25 * every.max())
 
 
@@ -275,12 +275,12 @@ class Bode:
             self.below.fill_between(self.omega, *ends, **shade)
 
     def points(
-        self, found: FrequencyResponse, channel: int, colour: str, marker: str, label: str
+        self, measured: FrequencyResponse, channel: int, colour: str, marker: str, label: str
     ) -> None:
         """Draw a channel's estimated response with bars that hold 95 %."""
-        omega, response = found.omega, found.value[channel]
+        omega, response = measured.omega, measured.value[channel]
         # Each part, real and imaginary, has half of the error's power.
-        size, reach = np.abs(response), Z95 * found.std[channel] / np.sqrt(2.0)
+        size, reach = np.abs(response), Z95 * measured.std[channel] / np.sqrt(2.0)
         phase = np.unwrap(np.angle(response))
         if self._phase is not None:
             line = np.interp(omega, self.omega, self._phase)

@@ -150,7 +150,7 @@ def named(estimates: Sequence[Estimate]) -> list[Named]:
     """Estimates by method or, if these repeat, by model and number; one alone has a full line."""
     pairs = [(e.method, e.model.name) for e in estimates]
     methods, models = {method for method, _ in pairs}, {model for _, model in pairs}
-    found = []
+    styled = []
     for number, (estimate, (method, model)) in enumerate(zip(estimates, pairs, strict=True)):
         alike = len(methods) < len(estimates)
         look = [*STYLES.values()][number % len(STYLES)] if alike else style_of(method)
@@ -158,8 +158,8 @@ def named(estimates: Sequence[Estimate]) -> list[Named]:
         if pairs.count((method, model)) > 1:
             label += f" {pairs[: number + 1].count((method, model))}"
         dash = look.dash if len(estimates) > 1 else "-"
-        found.append(Named(estimate, label, look.colour, look.marker, dash))
-    return found
+        styled.append(Named(estimate, label, look.colour, look.marker, dash))
+    return styled
 
 
 def leading(estimates: Sequence[Estimate]) -> Estimate | None:

@@ -70,12 +70,12 @@ def read_table(path: Path, source: str) -> Content:
         "column",
         f"{source}: line {lines[0][0]}, the header",
         cells,
-        {name: _family(own, header) for name, own in zip(names, header, strict=True)},
+        {name: _family(as_read, header) for name, as_read in zip(names, header, strict=True)},
         read_sidecar(path),
         lambda name: _column(name, cells[name], numbers, source),
         units=dict(zip(names, map(str, units), strict=True)) if begin == 2 else {},
         place=lambda sample: f"line {numbers[first[sample]]}",
-        runs={f"run {shown(run)} from line {numbers[own[0]]} on": own for run, own in runs.items()},
+        runs={f"run {shown(run)} from line {numbers[at[0]]} on": at for run, at in runs.items()},
     )
 
 

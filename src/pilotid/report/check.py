@@ -87,13 +87,13 @@ class Checked:
     @property
     def brief(self) -> Line:
         """One line, with the codes of the remarks."""
-        told = gravest_first(self.remarks)
-        codes = {g: dict.fromkeys(r.code for r in told if r.grade == g) for g in GRADES}
+        remarks = gravest_first(self.remarks)
+        codes = {g: dict.fromkeys(r.code for r in remarks if r.grade == g) for g in GRADES}
         flags = [f"{grade}: {', '.join(kind)}" for grade, kind in codes.items() if kind] or ["ok"]
-        own, element = self.recording, self.element.element
-        size = f"{own.runs} x {own.duration:.4g} s, {' '.join(own.signals)}"
+        recording, element = self.recording, self.element.element
+        size = f"{recording.runs} x {recording.duration:.4g} s, {' '.join(recording.signals)}"
         name = element.name if element else "element unknown"
-        line = f"{own.source}: {size}, {name}; {'; '.join(flags)}"
+        line = f"{recording.source}: {size}, {name}; {'; '.join(flags)}"
         return Line(line, "warning" if codes["wrong"] or codes["doubt"] else "")
 
     def __repr__(self) -> str:
@@ -201,13 +201,13 @@ def check_all(
 
 def summary_of(every: Sequence[Checked]) -> str:
     """How many recordings are sound, and how many have which remark."""
-    told = [{remark.code: remark.grade for remark in own.remarks} for own in every]
-    bad = [own for own in told if set(own.values()) & {"wrong", "doubt"}]
+    grades = [{remark.code: remark.grade for remark in checked.remarks} for checked in every]
+    bad = [checked for checked in grades if set(checked.values()) & {"wrong", "doubt"}]
     words = f"{len(every)} recordings, {len(every) - len(bad)} without anything wrong or in doubt"
     kinds = dict.fromkeys(
-        pair for grade in GRADES for own in told for pair in own.items() if pair[1] == grade
+        pair for grade in GRADES for codes in grades for pair in codes.items() if pair[1] == grade
     )
-    counts = [f"{code} ({grade}) {sum(code in own for own in told)}" for code, grade in kinds]
+    counts = [f"{code} ({grade}) {sum(code in codes for codes in grades)}" for code, grade in kinds]
     return f"{words}: {', '.join(counts)}" if counts else words
 
 

@@ -41,7 +41,7 @@ def write_report(folder: Path, made: Design, command: str) -> Path:
 def sentences(made: Design) -> Sequence[str]:
     """What to know of a design, a sentence each."""
     costs = ", ".join(f"{name} {cost:.2f}" for name, cost in made.costs.items())
-    crests = ", ".join(f"{name} {own:.2f} ({old:.2f})" for name, (own, old) in made.crest.items())
+    crests = ", ".join(f"{name} {new:.2f} ({old:.2f})" for name, (new, old) in made.crest.items())
     return (
         f"Reference: {made.reference.name}, {made.reference.description}; controlled element "
         f"{made.reference.element.name}; the remnant's power is held.",

@@ -42,7 +42,7 @@ def html_report(fits: Sequence[Fitted]) -> str:
         figures = [replace(figure, name=f"{figure.name}-{number}") for figure in figures_of(fit)]
         content = {**words_of(fit), **tables_of(fit)}
         shown.append({"key": f"recording-{number}", **content, "figures": figures})
-    contents = [(own["key"], own["heading"]) for own in shown]
+    contents = [(part["key"], part["heading"]) for part in shown]
     return render("fit.html", title="Identified pilot models", contents=contents, fits=shown)
 
 
@@ -81,7 +81,7 @@ def _warned(fit: Fitted) -> str:
 
 def _loops(fit: Fitted) -> dict[str, Any]:
     """With what element loops were drawn, or why with none, their quantities, and notes."""
-    own = fit.loop_element
+    choice = fit.loop_element
     pairs = zip(fit.estimates, fit.loops, strict=False)  # without an element there are no loops
     known = [(e.method, loops) for e, loops in pairs if np.isfinite(e.values).any()]
     tabled = [
@@ -90,7 +90,7 @@ def _loops(fit: Fitted) -> dict[str, Any]:
         if any(math.isfinite(q.value) for q in loops.quantities)
     ]
     return {
-        "element": "" if own is None else own.words if known else own.why,
+        "element": "" if choice is None else choice.words if known else choice.why,
         "loops": quantity_tables(tabled, "loop"),
         "loop_notes": [f"{method}: {note}" for method, loops in known for note in loops.notes],
     }
@@ -108,19 +108,19 @@ def print_fit(fit: Fitted, console: Console, said: Container[str] = ()) -> None:
     said
         Codes of remarks that were printed already and are not printed again.
     """
-    found = tables_of(fit)
+    content = tables_of(fit)
     remarks = {r: about for r, about in fit.graded.items() if r.code not in said}
     notes = dict.fromkeys(remark.code for remark in remarks if remark.grade == "note")
     show(
         console,
         Line(fit.heading, "heading"),
         *[fit.choice] * bool(fit.choice),
-        *found["tables"],
-        *found["held"],
-        *(Line(words, "" if agrees else "failure") for words, agrees in found["specifications"]),
-        *[found["element"]] * bool(found["element"]),
-        *found["loops"],
-        *found["loop_notes"],
+        *content["tables"],
+        *content["held"],
+        *(Line(words, "" if agrees else "failure") for words, agrees in content["specifications"]),
+        *[content["element"]] * bool(content["element"]),
+        *content["loops"],
+        *content["loop_notes"],
         *(Line(e.verdict(), "" if e.outcome.usable else "failure") for e in fit.estimates),
         *(Line(r.line(about), "warning") for r, about in remarks.items() if r.grade != "note"),
         *[f"notes, in full with --json or --report: {', '.join(notes)}"] * bool(notes),

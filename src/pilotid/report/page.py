@@ -70,7 +70,7 @@ def environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
-    found = Environment(
+    templates = Environment(
         loader=PackageLoader("pilotid"),
         autoescape=True,
         undefined=StrictUndefined,
@@ -81,16 +81,17 @@ def environment() -> Environment:
 
     def symbol_of(key: str) -> Markup:
         """The symbol of a quantity; nothing for other heads of rows."""
-        own = symbol(key)
-        return math_html(own) if own != key else Markup("")
+        shown = symbol(key)
+        return math_html(shown) if shown != key else Markup("")
 
-    found.filters |= {"inline": inline, "symbol": symbol_of, "markdown": _markdown}
-    found.filters["verbatim"] = lambda text: Markup(clean(text))  # in Markdown, behind four spaces
+    templates.filters |= {"inline": inline, "symbol": symbol_of, "markdown": _markdown}
+    # In Markdown, behind four spaces.
+    templates.filters["verbatim"] = lambda text: Markup(clean(text))
     # The one script that a page may run is known by its digest.
     script = files("pilotid").joinpath("templates", "page.js").read_text("utf-8")
     digest = b64encode(sha256(script.encode()).digest()).decode()
-    found.globals |= {"script": Markup(script), "digest": Markup(digest)}
-    return found
+    templates.globals |= {"script": Markup(script), "digest": Markup(digest)}
+    return templates
 
 
 def _markdown(block: str | Sequence[str] | Table) -> Markup:

@@ -134,9 +134,9 @@ def _forcing() -> Table:
 def _runs(every: DataFrame) -> Table:
     rows = []
     for key, bias, deviation in zip(KEYS, BIAS, DEVIATION, strict=True):
-        own = [every.loc["nominal", m, key] for m in METHODS]
-        deviations = [100.0 * s["std"] / TRUTH[key] for s in own]
-        rows.append((key, bias, *map(_percent, own), deviation, *deviations))
+        scores = [every.loc["nominal", m, key] for m in METHODS]
+        deviations = [100.0 * s["std"] / TRUTH[key] for s in scores]
+        rows.append((key, bias, *map(_percent, scores), deviation, *deviations))
     columns = [f"{what}, {m}" for what in ("bias", "deviation") for m in ("paper", *METHODS)]
     caption = "Bias and standard deviation over the runs [% of the truth]"
     return _table(caption, ("parameter", *columns), rows)
@@ -145,9 +145,9 @@ def _runs(every: DataFrame) -> Table:
 def _starts(study: Comparison) -> Table:
     ends, rows = _numbered(study, "starts"), []
     for key, paper in zip(KEYS, FIGURE_5, strict=True):
-        own = [ends[(ends.method == m) & (ends.parameter == key)].value for m in METHODS]
-        spreads = [100.0 * (values.max() - values.min()) / TRUTH[key] for values in own]
-        rows.append((key, paper, *(values.mean() - TRUTH[key] for values in own), *spreads))
+        ended = [ends[(ends.method == m) & (ends.parameter == key)].value for m in METHODS]
+        spreads = [100.0 * (values.max() - values.min()) / TRUTH[key] for values in ended]
+        rows.append((key, paper, *(values.mean() - TRUTH[key] for values in ended), *spreads))
     columns = [f"error, {m}" for m in ("paper", *METHODS)]
     columns += [f"range of ends, {m} [%]" for m in METHODS]
     caption = "Error of the end, in the parameter's unit, and range of the ends"
@@ -159,8 +159,8 @@ def _biases(every: DataFrame) -> Table:
     for name, paper in TABLE_3.items():
         rows.append((name, "paper", *map(signed, paper), None))
         for m in METHODS:
-            own = [_percent(every.loc[name, m, key]) for key in KEYS]
-            rows.append((name, m, *own, str(every.loc[name, m, ALL].failures)))
+            percent = [_percent(every.loc[name, m, key]) for key in KEYS]
+            rows.append((name, m, *percent, str(every.loc[name, m, ALL].failures)))
     caption = "Table 3: bias [%], of fits that did not fail"
     return _table(caption, ("forcing", "method", *KEYS, "failed"), rows, 2)
 
@@ -168,7 +168,7 @@ def _biases(every: DataFrame) -> Table:
 def _motion(trials: DataFrame) -> Table:
     columns = {(figure, m): f"{m}, {whose}" for figure, whose in OF_MOTION for m in METHODS}
     rows = [
-        (key, way, *(_change(trials, *own, key, "no motion", "full motion") for own in columns))
+        (key, way, *(_change(trials, *cell, key, "no motion", "full motion") for cell in columns))
         for key, way in FIGURE_9.items()
     ]
     caption = "Change from no motion to full motion, mean over subjects ± standard error"
@@ -202,8 +202,8 @@ def _change(
     trials: DataFrame, figure: str, method: str, key: str, before: str, after: str
 ) -> str | None:
     """Mean difference of two conditions over subjects, and its standard error."""
-    own = trials[(trials.figure == figure) & (trials.method == method) & (trials.parameter == key)]
-    wide = own.pivot(index="subject", columns="condition", values="value")
+    rows = trials[(trials.figure == figure) & (trials.method == method) & (trials.parameter == key)]
+    wide = rows.pivot(index="subject", columns="condition", values="value")
     if not {before, after} <= {*wide}:
         return None
     differences = (wide[after] - wide[before]).dropna()
@@ -225,10 +225,10 @@ def _figures(study: Comparison, every: DataFrame, trials: DataFrame) -> dict[str
         bias.append(("paper", key, at, BIAS[place], 0.0))
         variance.append(("paper", key, at, (0.01 * DEVIATION[place] * TRUTH[key]) ** 2, 0.0))
         for m in METHODS:
-            own = {name: every.loc[name, m, key] for name in (*REMNANTS, *TABLE_3)}
-            bias += [(m, key, power[n], own[n].bias_percent, 0.0) for n in REMNANTS]
-            variance += [(m, key, power[n], own[n]["std"] ** 2, 0.0) for n in REMNANTS]
-            forcing += [(m, key, x, own[n].truth + own[n].bias, Z95 * own[n].bias_se)
+            curves = {name: every.loc[name, m, key] for name in (*REMNANTS, *TABLE_3)}
+            bias += [(m, key, power[n], curves[n].bias_percent, 0.0) for n in REMNANTS]
+            variance += [(m, key, power[n], curves[n]["std"] ** 2, 0.0) for n in REMNANTS]
+            forcing += [(m, key, x, curves[n].truth + curves[n].bias, Z95 * curves[n].bias_se)
                         for x, n in enumerate(TABLE_3)]  # fmt: skip
         forcing += [("paper", key, x, TRUTH[key] * (1.0 + off[place] / 100.0), 0.0)
                     for x, off in enumerate(TABLE_3.values())]  # fmt: skip
@@ -259,8 +259,8 @@ def _figures(study: Comparison, every: DataFrame, trials: DataFrame) -> dict[str
 
 def _numbered(study: Comparison, scenario: str) -> DataFrame:
     """Estimates of a scenario, each at the number of its replication from 1."""
-    own = study.frame[study.frame.usable & (study.frame.scenario == scenario)]
-    return own.assign(place=own.replication + 1)
+    fits = study.frame[study.frame.usable & (study.frame.scenario == scenario)]
+    return fits.assign(place=fits.replication + 1)
 
 
 def _signals(study: Comparison) -> Drawing:
@@ -287,10 +287,10 @@ def _grouped(
     trials: DataFrame, figure: str, conditions: Mapping[str, float]
 ) -> tuple[Drawing, str]:
     """Estimates by subject, conditions from left to right; and what that is."""
-    names, own = [*conditions], trials[trials.figure == figure]
-    own = own[own.parameter.isin([*FIGURE_9] if figure == "9" else KEYS)]
-    shifts = own.condition.map(names.index) / (len(names) + 1.0) - 0.3
-    drawing = _points(own.assign(place=own.subject + shifts).dropna(), "subject")
+    names, rows = [*conditions], trials[trials.figure == figure]
+    rows = rows[rows.parameter.isin([*FIGURE_9] if figure == "9" else KEYS)]
+    shifts = rows.condition.map(names.index) / (len(names) + 1.0) - 0.3
+    drawing = _points(rows.assign(place=rows.subject + shifts).dropna(), "subject")
     return drawing, f"from left to right {', '.join(names)}; failed fits are missing."
 
 
@@ -308,11 +308,11 @@ def _points(
     keys = [key for key in KEYS if key in {*frame.parameter}]
     with panelled(keys, 1.75, (label, ordinate)) as (figure, panels, spare):
         for key, axes in zip(keys, panels, strict=True):
-            own = frame[frame.parameter == key]
+            chosen = frame[frame.parameter == key]
             if truth:
                 axes.axhline(truth[key], color="#999999", lw=0.8)
             for count, method in enumerate(methods):
-                rows = own[own.method == method]
+                rows = chosen[chosen.method == method]
                 paper = method == "paper"
                 fmt, colour = "x" if paper else marker_of(method), colour_of(method)
                 axes.errorbar(
@@ -320,8 +320,8 @@ def _points(
                     fmt=fmt if paper else f"{fmt}{line}", color=INK if paper else colour,
                     markersize=3.0, elinewidth=0.7, label=method,
                 )  # fmt: skip
-            bars = own.std_error.fillna(0.0)
-            axes.set_ylim(*_limits(np.concatenate([own.value - bars, own.value + bars])))
+            bars = chosen.std_error.fillna(0.0)
+            axes.set_ylim(*_limits(np.concatenate([chosen.value - bars, chosen.value + bars])))
             if ticks:
                 axes.set_xticks(range(len(ticks)), ticks, rotation=60, fontsize=6.5)
             draw_grid(axes, "y")

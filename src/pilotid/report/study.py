@@ -112,7 +112,7 @@ def _draw_errors(axes: Axes, scores: DataFrame) -> None:
     scale = 100.0 / scores.truth.abs().where(scores.truth != 0.0)
     columns = ("bias", "bias_se", "std", "mean_std_error", "crlb")
     scaled = (scale * scores[column] for column in columns)
-    bias, error, std, claimed, bounds = (own.to_numpy(dtype=float) for own in scaled)
+    bias, error, std, claimed, bounds = (series.to_numpy(dtype=float) for series in scaled)
     extents = np.abs(bias) + np.nan_to_num(np.fmax(std, claimed))
     reach = reach_of(extents, float(bounds[0]))
     if math.isfinite(bounds[0]):
@@ -175,7 +175,7 @@ def write_report(folder: Path, study: Comparison) -> Path:
         The page.
     """
     page, content = folder / "report.html", content_of(study)
-    drawn = [own["figure"] for own in content["scenarios"] if own["figure"]]
+    drawn = [part["figure"] for part in content["scenarios"] if part["figure"]]
     save_figures(folder / FIGURES, drawn, kinds=("svg",))
     write_page(page, "study.html", **content)
     # Sections that Markdown leaves out are no targets of links.
@@ -186,18 +186,18 @@ def write_report(folder: Path, study: Comparison) -> Path:
 
 def content_of(study: Comparison) -> dict[str, Any]:
     """What the page shows: sentences, tables and figures, by the names that its template has."""
-    told, scenarios = read_trust(study.folder), [_scenario(study, n) for n in study.scenarios]
+    trust, scenarios = read_trust(study.folder), [_scenario(study, n) for n in study.scenarios]
     words, losses, rankings = overview(study)
     contents = [
-        *[("trust", "What the fit is worth")] * bool(told),
+        *[("trust", "What the fit is worth")] * bool(trust),
         ("summary", "Which method to use"),
-        *([(own["key"], own["title"]) for own in scenarios] if len(scenarios) < LISTED else []),
+        *([(part["key"], part["title"]) for part in scenarios] if len(scenarios) < LISTED else []),
         ("provenance", "Provenance"),
     ]
     return {
         "title": "Pilot-model identification: methods compared",
         "contents": contents,
-        "trust": told and (advice(told), trust_table(told), told["unknown"]),
+        "trust": trust and (advice(trust), trust_table(trust), trust["unknown"]),
         "words": words,
         "losses": losses,
         "rankings": rankings,
@@ -312,7 +312,7 @@ OWN_FACTS = ("format", "seed", "code")
 def command(study: Comparison) -> str:
     """What to type for the whole study."""
     entries = study.methods.items()
-    methods = [e.typed or own for own, e in entries if "estimates" not in e.settings]
+    methods = [e.typed or label for label, e in entries if "estimates" not in e.settings]
     imported = dict.fromkeys(f"{e.typed} " for _, e in entries if "estimates" in e.settings)
     names = dict.fromkeys(entry.typed or name for name, entry in study.scenarios.items())
     return (

@@ -189,7 +189,7 @@ def matrix(study: Comparison, names: Sequence[str]) -> Table:
     for (_, method), row in rows.items():
         if row.loss > 0.0 and is_ranked(row):
             losses[method].append(row.loss)
-    means = {method: geometric_mean(own) for method, own in losses.items()}
+    means = {method: geometric_mean(loss) for method, loss in losses.items()}
     order = sorted(losses, key=lambda m: (-len(losses[m]), means[m] if losses[m] else 0.0))
 
     def text(row: Any) -> str | None:
@@ -203,7 +203,7 @@ def matrix(study: Comparison, names: Sequence[str]) -> Table:
     shown: list[tuple[str | None, ...]] = [("geometric mean", *common)]
     shown += [(f"[{n}](#{key_of(n)})", *(text(rows.get((n, m))) for m in order)) for n in names]
     cells = {m: [rows.get((n, m)) for n in names] for m in order}
-    marks = {m: ["", *(loss_mark(r.loss) if r else "" for r in own)] for m, own in cells.items()}
+    marks = {m: ["", *(loss_mark(r.loss) if r else "" for r in loss)] for m, loss in cells.items()}
     caption = f"Loss of every method in {len(names)} scenarios (1: exact and efficient)"
     return table(shown, caption, ("scenario", *order), dict.fromkeys(order, str), marks=marks)
 
@@ -219,9 +219,9 @@ def failure_table(study: Comparison) -> Table:
     fits = study.measured[study.measured["first"]]
     rows = []
     for (name, method), cell in fits.groupby(["scenario", "method"], sort=False):
-        for outcome, own in cell[cell.outcome != Outcome.CONVERGED.slug].groupby("outcome"):
-            count = of(len(own), len(cell))
-            rows.append((name, method, count, sentences.get(outcome, outcome), _why(own.message)))
+        for outcome, lost in cell[cell.outcome != Outcome.CONVERGED.slug].groupby("outcome"):
+            count = of(len(lost), len(cell))
+            rows.append((name, method, count, sentences.get(outcome, outcome), _why(lost.message)))
     titles = ("scenario", "method", "fits", "outcome", "commonest reason")
     return table(rows, "Fits that did not simply converge", titles, {"fits": str}, heads=2)
 
@@ -239,13 +239,13 @@ def _why(messages: Iterable[str]) -> str:
 def read_trust(folder: Path) -> dict[str, Any] | None:
     """The `trust.json` of a folder; None where there is none, or none that is complete."""
     try:
-        told = json.loads((folder / TRUST).read_text(encoding="utf-8"))
+        trust = json.loads((folder / TRUST).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return told if isinstance(told, dict) and "parameters" in told else None
+    return trust if isinstance(trust, dict) and "parameters" in trust else None
 
 
-def trust_table(told: Mapping[str, Any]) -> Table:
+def trust_table(trust: Mapping[str, Any]) -> Table:
     """Claimed and corrected intervals, bias and coverage of each parameter."""
 
     def known(values: Iterable[float | None]) -> tuple[float, ...]:
@@ -260,7 +260,7 @@ def trust_table(told: Mapping[str, Any]) -> Table:
             *map(known, (p["interval_95"], p["corrected_95"], p["bias_claimed"])),
             (*known([p["coverage"]]), known(p["coverage_95"])),
         )
-        for p in told["parameters"].values()
+        for p in trust["parameters"].values()
     ]
     forms: dict[str, Callable[..., str]] = {
         "value": number,
@@ -274,11 +274,11 @@ def trust_table(told: Mapping[str, Any]) -> Table:
         "bias / claim": "mean error on simulations over the claimed error, with its own error",
         "coverage %": "of the claimed intervals, with its 95 % interval",
     }
-    caption = f"`{told['method']}` on pilots like this one, {Path(told['recording']).name}"
+    caption = f"`{trust['method']}` on pilots like this one, {Path(trust['recording']).name}"
     return table(rows, caption, ("parameter", "unit", *forms), forms, hints=hints)
 
 
-def advice(told: Mapping[str, Any]) -> list[str]:
+def advice(trust: Mapping[str, Any]) -> list[str]:
     """What to do about the intervals of the fit, in sentences."""
-    sound = f"The intervals of {told['method']} cover 95 % here, within Monte Carlo error."
-    return told["sentences"] or [sound]
+    sound = f"The intervals of {trust['method']} cover 95 % here, within Monte Carlo error."
+    return trust["sentences"] or [sound]

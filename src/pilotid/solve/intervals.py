@@ -37,10 +37,10 @@ def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
     variance
         Variance of the white residual.
     """
-    found = _scaled_inverse(hessian)
-    if found is None:
+    inverted = _scaled_inverse(hessian)
+    if inverted is None:
         return None
-    inverse, scale = found
+    inverse, scale = inverted
     return np.asarray(variance * inverse / np.outer(scale, scale))
 
 
@@ -63,11 +63,11 @@ def covariance_at_bounds(
         95 % profile-likelihood intervals, shape (parameters, 2).
     """
     conditional = np.where(bounded[:, None] | bounded, np.diag(np.diag(hessian)), hessian)
-    found = _scaled_inverse(conditional)
+    inverted = _scaled_inverse(conditional)
     error = np.diff(intervals, axis=1)[:, 0] / (2.0 * Z95)
-    if found is None or not (error > 0.0).all():
+    if inverted is None or not (error > 0.0).all():
         return None
-    scaled, _ = found
+    scaled, _ = inverted
     size = np.sqrt(np.diag(scaled))
     return np.asarray(scaled * np.outer(error / size, error / size))
 
@@ -98,10 +98,10 @@ def sandwich_of(curvature: FloatArray, score_covariance: FloatArray) -> FloatArr
     score_covariance
         B, of the same shape.
     """
-    found = _scaled_inverse(curvature)
-    if found is None:
+    inverted = _scaled_inverse(curvature)
+    if inverted is None:
         return None
-    inverse, scale = found
+    inverse, scale = inverted
     half = inverse / scale
     covariance = half @ score_covariance @ half.T / np.outer(scale, scale)
     return np.asarray(0.5 * (covariance + covariance.T))
@@ -302,8 +302,8 @@ def extend_intervals(
     for _ in range(3):  # each round goes on where the one before has come to
         # What suits one parameter may not suit another whose level is lower.
         suits = np.array(costs)[:, None] <= targets
-        own = np.where(suits, np.array(points)[:, : len(known)], np.nan)
-        hull = np.stack([np.nanmin(own, axis=0), np.nanmax(own, axis=0)], axis=1)
+        suiting = np.where(suits, np.array(points)[:, : len(known)], np.nan)
+        hull = np.stack([np.nanmin(suiting, axis=0), np.nanmax(suiting, axis=0)], axis=1)
         length = np.diff(known, axis=1)[:, 0]
         sides = np.array([-1.0, 1.0])
         # What lies beyond an end by a tenth of the length, on the inner scale, is walked on from.
@@ -314,7 +314,7 @@ def extend_intervals(
         if not beyond.any():
             break
         for k, side in np.argwhere(beyond).tolist():
-            at = int(np.nanargmax(sides[side] * own[:, k]))
+            at = int(np.nanargmax(sides[side] * suiting[:, k]))
             step = sides[side] * max(0.1 * float(known[k, 1] - known[k, 0]), 1e-9)
             start, near = points[at], points[at].copy()
             near[k] += step
@@ -413,7 +413,7 @@ def profile_intervals(
     ridge, _ = _step(grams, blocked, which, side, longest, target)
     points = np.clip(points + ridge, lower, upper)
     active = np.arange(2 * count)
-    found = np.zeros(2 * count, dtype=bool)
+    reached_end = np.zeros(2 * count, dtype=bool)
     seen, reached_costs = [best[0]], [lowest]
     closest, least_off = points.copy(), np.full(2 * count, np.inf)
     for _ in range(8):
@@ -434,7 +434,7 @@ def profile_intervals(
         at_bound &= step[np.arange(len(k)), k] * direction >= 0.0
         either = np.maximum(deviance_off, off)
         reached = either < tolerance * variance
-        found[active] = reached | (at_bound & (costs <= goal))
+        reached_end[active] = reached | (at_bound & (costs <= goal))
         # Newton steps that lead away do not come back.
         nearer = (either < least_off[active]) & (direction * (points[active, k] - best[0, k]) > 0.0)
         on = active[nearer]
@@ -446,12 +446,12 @@ def profile_intervals(
         if not active.size:
             break
     # Where the likelihood has another summit the search may end on its side.
-    found &= (points[np.arange(2 * count), which] - best[0, which]) * side >= 0.0
+    reached_end &= (points[np.arange(2 * count), which] - best[0, which]) * side >= 0.0
     ends = points[np.arange(2 * count), which]
     least = lowest - 0.2 * variance  # what is lower takes the minimum's place
     known = ends.reshape(2, count).T
     if not np.nanmin(reached_costs) < least:
-        for i in np.flatnonzero(~found):
+        for i in np.flatnonzero(~reached_end):
             index, level = int(which[i]), float(target[i])
             point, cost = find_profile_end(
                 inner, box, best[0], lowest, lowest, level, index, closest[i]
@@ -492,8 +492,8 @@ def _errors(gram: FloatArray, blocked: BoolArray, variance: float) -> FloatArray
         fixed = blocked & (np.arange(len(hessian)) != k)
         free = np.where(fixed[:, None] | fixed, np.eye(len(hessian)), hessian)
         size = np.sqrt(np.maximum(np.diag(free), 1e-300))
-        own = float(np.linalg.inv(free / np.outer(size, size))[k, k])
-        errors[k] = math.sqrt(max(own, 1.0) * variance) / float(size[k])
+        variance_share = float(np.linalg.inv(free / np.outer(size, size))[k, k])
+        errors[k] = math.sqrt(max(variance_share, 1.0) * variance) / float(size[k])
     return errors
 
 

@@ -276,8 +276,8 @@ def minimise(
     longest = np.where(space.positive, 1.0, 0.25 * (space.upper - space.lower))
 
     def inner_gram(points: FloatArray) -> FloatArray:
-        own = scale.leave(points)
-        return scale.inner(gram(own), own)
+        values = scale.leave(points)
+        return scale.inner(gram(values), values)
 
     if isinstance(starts, Minima):
         clipped = np.clip(starts.values, space.lower, space.upper)
@@ -292,11 +292,11 @@ def minimise(
     going, count = np.arange(len(values)), 1
     while going.size and count < iterations:
         was, old, learned = values[going], grams[going], curvature[going]
-        scaled, own, promised = _step(old, learned, was, damping[going], lower, upper)
+        scaled, undamped, promised = _step(old, learned, was, damping[going], lower, upper)
         if (done := promised <= tolerance * old[:, -1, -1]).any():
             converged[going[done]] = True
-            was, old, learned, scaled, own, promised = (
-                each[~done] for each in (was, old, learned, scaled, own, promised)
+            was, old, learned, scaled, undamped, promised = (
+                each[~done] for each in (was, old, learned, scaled, undamped, promised)
             )
             going = going[~done]
             if not going.size:
@@ -313,7 +313,7 @@ def minimise(
         learned[~near] = 0.0
         # A parabola through what was promised and what came tells how much too long the step was,
         # and the Hessian along it, in shares of its diagonal, how much damping that takes.
-        stiff = promised / np.maximum(np.vecdot(own, own), 1e-300)
+        stiff = promised / np.maximum(np.vecdot(undamped, undamped), 1e-300)
         rise = (reached - cost) / np.maximum(promised, 1e-200)
         longer = np.where(
             np.isfinite(rise), np.minimum(np.maximum(1.0 + 2.0 * rise, 1.0), 100.0), 100.0
@@ -354,8 +354,8 @@ def _step(
         none = np.eye(right.shape[1])
         matrix = np.where(free[:, :, None] & free[:, None, :], matrix, none)
         right = np.where(free, right, 0.0)
-    damped, own = _solved(matrix, right, damping)
-    return damped, own, np.vecdot(right, own)
+    damped, undamped = _solved(matrix, right, damping)
+    return damped, undamped, np.vecdot(right, undamped)
 
 
 def _solved(
@@ -370,8 +370,8 @@ def _solved(
         both = np.empty((2, *matrix.shape))
         both[1] = matrix
         np.add(matrix, damping[:, None, None] * np.eye(right.shape[1]), out=both[0])
-        damped, own = np.linalg.solve(both, right[:, :, None])[..., 0]
-        return damped, own
+        damped, undamped = np.linalg.solve(both, right[:, :, None])[..., 0]
+        return damped, undamped
     # A start outside the model's domain has no Hessian; it goes nowhere.
     finite = np.isfinite(matrix).all(axis=(1, 2), keepdims=True)
     eigenvalues, vectors = np.linalg.eigh(np.where(finite, matrix, 0.0))
@@ -392,8 +392,8 @@ def _secant(
     each step shows that curvature (Dennis, Gay & Welsch, NL2SOL, 1981).
     """
     change = old[:, :-1, -1] - new[:, :-1, -1]  # of the gradient
-    told = np.vecdot(new[:, :-1, :-1] + curvature, step[:, None])
-    missing = change - told
+    predicted = np.vecdot(new[:, :-1, :-1] + curvature, step[:, None])
+    missing = change - predicted
     scale = _scale(new)
     scaled_missing, scaled = missing / scale, step * scale
     product = np.vecdot(missing, step)
@@ -484,8 +484,8 @@ def search(
     refined
         Number of starts that are minimised, the known optimum included.
     """
-    own = space.start[None] if known is None else known
-    points = np.concatenate([own, draw_starts(space, rng, candidates)])
+    first = space.start[None] if known is None else known
+    points = np.concatenate([first, draw_starts(space, rng, candidates)])
     points, cost = solve_linear(gram(points), points, space.linear, space.lower)
     if known is not None:
         cost[0] = -np.inf

@@ -131,19 +131,20 @@ class Coefficients:
         having = self.weights != 0.0  # the runs that have each line
         free = having.sum(axis=0) - 1
         if free.any():
-            own = residuals[:, : self.lines] - self.leakage(residuals)
-            own = np.where(having, own - self.weights.conj() * self.at_lines(own), 0.0)
+            noise = residuals[:, : self.lines] - self.leakage(residuals)
+            noise = np.where(having, noise - self.weights.conj() * self.at_lines(noise), 0.0)
             window = np.ones(POOLED)
             ascending = np.argsort(self.omega[: self.lines], kind="stable")
 
             def pooled(values: FloatArray) -> FloatArray:
                 return np.convolve(values[ascending], window, "same")
 
-            scatter, count = pooled(np.sum(np.abs(own) ** 2, axis=0) / (power * runs)), pooled(free)
+            share = np.sum(np.abs(noise) ** 2, axis=0) / (power * runs)
+            scatter, count = pooled(share), pooled(free)
             near = POOLED * count / pooled(np.ones(self.lines))
-            told = near >= POOLED
-            power[ascending[told]] *= scatter[told] / count[told]
-            freedom[ascending[told]] = near[told]
+            enough = near >= POOLED
+            power[ascending[enough]] *= scatter[enough] / count[enough]
+            freedom[ascending[enough]] = near[enough]
             power = np.maximum(power, least)
         # Right weights would do with freedom - 1, which makes the information right on average
         # (for complex normal residuals); estimated ones scatter, and cost as much again.
@@ -201,10 +202,10 @@ class Coefficients:
         weights = np.zeros((omega.size, omega.size))
         logarithms = np.zeros((2, omega.size), dtype=complex)
         bent = np.zeros((2, omega.size))
-        for own in (disturbance, ~disturbance):
-            logarithms[:, own] = [_logarithm(values[own]) for values in (ratio, slope)]
-            weights[np.ix_(~own, own)] = interpolation(omega[own], omega[~own])
-            bent[:, ~own] = bends(omega[own], omega[~own], logarithms[:, own])
+        for chosen in (disturbance, ~disturbance):
+            logarithms[:, chosen] = [_logarithm(values[chosen]) for values in (ratio, slope)]
+            weights[np.ix_(~chosen, chosen)] = interpolation(omega[chosen], omega[~chosen])
+            bent[:, ~chosen] = bends(omega[chosen], omega[~chosen], logarithms[:, chosen])
         other_ratio, other_slope = np.exp(logarithms @ weights.T)
         second = (ratio - other_ratio) / (slope - other_slope)
         first = ratio - slope * second
@@ -316,9 +317,9 @@ def _paths(
         left = columns - trend @ (trend.swapaxes(-1, -2) @ columns)
         return np.asarray(np.moveaxis(left, 0, 1).reshape(lines, -1, columns.shape[-1]))
 
-    found = np.linalg.pinv(detrended(control[:, beside, None] * smooth), rcond=1e-9)
+    inverse = np.linalg.pinv(detrended(control[:, beside, None] * smooth), rcond=1e-9)
     ways = [detrended((signal[:, beside] * square)[..., None]) for signal in inputs]
-    return np.array([(found @ way)[:, 0, 0] for way in ways])
+    return np.array([(inverse @ way)[:, 0, 0] for way in ways])
 
 
 def _weights(recording: Recording, by_signal: dict[str, IntArray]) -> ComplexArray:

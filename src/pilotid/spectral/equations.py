@@ -135,14 +135,14 @@ def fit_lines(
     power = coefficients.power(residuals)
     first = Equations(coefficients.at_lines_alone(residuals), model, power)
     ends = search(first.gram, model, rng, candidates=candidates, refined=refined)
-    found = best_pilot(recording, model, ends)
+    pilot = best_pilot(recording, model, ends)
     if starts:
         points = np.array(starts)
         points, _ = solve_linear(first.gram(points), points, model.linear, model.lower)
         ends = minimise(first.gram, points, model, tolerance=1e-3, iterations=16)
         more = best_pilot(recording, model, ends)
-        found = min((found, more), key=lambda minima: float(minima.cost[0]))
-    fit = LinesFit(coefficients, model, found.values[0], power)
+        pilot = min((pilot, more), key=lambda minima: float(minima.cost[0]))
+    fit = LinesFit(coefficients, model, pilot.values[0], power)
     for _ in range(ROUNDS):
         before, fit = fit, fit.again()
         was, still = are_pilots(recording, model, np.array([before.values, fit.values]))
@@ -164,7 +164,7 @@ def are_pilots(recording: Recording, model: PilotModel, sets: FloatArray) -> Boo
 
 def best_pilot(recording: Recording, model: PilotModel, ends: Minima) -> Minima:
     """The best end of a search whose loop is stable, or the best of all if none is."""
-    pilots = (k for k, own in enumerate(ends.values) if are_pilots(recording, model, own[None])[0])
+    pilots = (k for k, end in enumerate(ends.values) if are_pilots(recording, model, end[None])[0])
     return ends.only([next(pilots, 0)])
 
 
@@ -237,17 +237,17 @@ class Equations(Problem):
         """Standardised Jacobian and residual, shape (sets, parameters + 1, residuals)."""
         rows = self._at(values)
         at_lines = rows[..., : self._control.size]
-        found = (at_lines * self._lines[:, None]).sum(axis=1)
+        products = (at_lines * self._lines[:, None]).sum(axis=1)
         for c, inputs in enumerate(self._beside):
-            found += rows[:, c, :, self._control.size :] @ inputs.T
-        np.subtract(self._control, found[:, -1], out=found[:, -1])
+            products += rows[:, c, :, self._control.size :] @ inputs.T
+        np.subtract(self._control, products[:, -1], out=products[:, -1])
         if self._removed:
             around = (at_lines * self._paths[:, None]).sum(axis=1)
             sensitivity = 1.0 / (1.0 - around[:, -1:])
-            found[:, :-1] -= self._removed * sensitivity * around[:, :-1] * found[:, -1:]
-            found *= sensitivity if self._removed == 1.0 else sensitivity**self._removed
+            products[:, :-1] -= self._removed * sensitivity * around[:, :-1] * products[:, -1:]
+            products *= sensitivity if self._removed == 1.0 else sensitivity**self._removed
         # Real and imaginary parts side by side.
-        return np.asarray(found.view(float))
+        return np.asarray(products.view(float))
 
 
 def specification_of(
@@ -294,12 +294,12 @@ def specification_of(
     scale = size[free]
     information = gram[:-1, :-1][np.ix_(free, free)] / np.outer(scale, scale)
     score = gram[:-1, -1][free] / scale
-    own = covariance[np.ix_(free, free)] * np.outer(scale, scale)
-    expected = information - information @ own @ information
+    scaled = covariance[np.ix_(free, free)] * np.outer(scale, scale)
+    expected = information - information @ scaled @ information
     # In directions of which the lines tell next to nothing there is nothing to test.
     sizes, along = np.linalg.eigh(information)
-    told = sizes > 1e-6
-    root = along[:, told] / np.sqrt(sizes[told])
+    known = sizes > 1e-6
+    root = along[:, known] / np.sqrt(sizes[known])
     variance = root.T @ expected @ root
     shares, turned = np.linalg.eigh(variance)
     return score_test(turned.T @ root.T @ score, shares, "fourier")
@@ -314,6 +314,6 @@ def _smoothed(omega: FloatArray, power: FloatArray, remnant: RemnantEstimate) ->
     shape = np.interp(omega[order], remnant.omega, remnant.density)
     window = np.ones(min(NEAR, order.size))
     ratio = np.convolve(power[order] / shape, window, "same")
-    found = np.empty_like(power)
-    found[order] = shape * ratio / np.convolve(np.ones(order.size), window, "same")
-    return found
+    smooth = np.empty_like(power)
+    smooth[order] = shape * ratio / np.convolve(np.ones(order.size), window, "same")
+    return smooth

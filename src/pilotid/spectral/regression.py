@@ -124,8 +124,8 @@ class Regression:
         """The structure of the lowest `information_criterion`."""
         cost = np.array([self.cost(structure) for structure in structures])
         count = np.array([structure.parameters for structure in structures], dtype=float)
-        found = information_criterion(cost, count, self.samples, weight)
-        return structures[int(np.argmin(found))]
+        criterion = information_criterion(cost, count, self.samples, weight)
+        return structures[int(np.argmin(criterion))]
 
     def fit(self, structure: Structure) -> BlackBox:
         """Coefficients of one structure, and their covariance."""

@@ -120,9 +120,9 @@ def export(
                     for p, start in zip(model.parameters, map(float, model.start), strict=True)
                 ],
             })  # fmt: skip
-    held = {"about": ABOUT, "seed": seed, "scenarios": [*scenarios]}
-    held |= {"replications": replications, "recordings": entries}
-    write_file(folder / MANIFEST, strict_json(held).encode())
+    manifest = {"about": ABOUT, "seed": seed, "scenarios": [*scenarios]}
+    manifest |= {"replications": replications, "recordings": entries}
+    write_file(folder / MANIFEST, strict_json(manifest).encode())
     return len(entries)
 
 
@@ -151,11 +151,11 @@ def read_manifest(estimates: Path) -> Manifest:
             "export` wrote"
         )
     try:
-        held = json.loads(path.read_bytes())
+        made = json.loads(path.read_bytes())
         digests = {
-            (own["scenario"], own["replication"]): own["digest"] for own in held["recordings"]
+            (row["scenario"], row["replication"]): row["digest"] for row in made["recordings"]
         }
-        return Manifest(held["seed"], tuple(held["scenarios"]), held["replications"], digests)
+        return Manifest(made["seed"], tuple(made["scenarios"]), made["replications"], digests)
     except (OSError, ValueError, LookupError, TypeError) as error:
         raise InputError(
             f"{path}: is no manifest ({reason(error)}); export the recordings again"
@@ -192,18 +192,18 @@ def read_estimates(path: Path, manifest: Manifest, study: Study) -> list[tuple[E
         )
     _require_same(path, table, manifest, study)
     code = hashlib.sha256(path.read_bytes()).hexdigest()
-    found = []
-    for place, (label, own) in enumerate(table.groupby("method", sort=False)):
+    entries = []
+    for place, (label, rows) in enumerate(table.groupby("method", sort=False)):
         if label in study.labels:
             raise InputError(f"{path}: a method of the study is called '{label}'; rename one")
         entry = Entry(
             str(label), 1000 + place, {"estimates": path.name}, code, f"--estimates {path}"
         )
-        found.append((entry, list(_fits(own, study))))
-    return found
+        entries.append((entry, list(_fits(rows, study))))
+    return entries
 
 
-def enter_estimates(store: Store, found: Sequence[tuple[Entry, list[Fit]]]) -> None:
+def enter_estimates(store: Store, entries: Sequence[tuple[Entry, list[Fit]]]) -> None:
     """Keep methods and fits in a study's store, in place of what they were before.
 
     Raises
@@ -211,9 +211,9 @@ def enter_estimates(store: Store, found: Sequence[tuple[Entry, list[Fit]]]) -> N
     InputError
         If a method that `pilotid` ran has the same label.
     """
-    held = store.entries(OF_METHODS)
-    for entry, fits in found:
-        before = held.get(entry.name)
+    known = store.entries(OF_METHODS)
+    for entry, fits in entries:
+        before = known.get(entry.name)
         if before is not None and "estimates" not in before.settings:
             raise InputError(
                 f"{store.path}: holds another method called '{entry.name}'; rename yours"
@@ -300,26 +300,27 @@ def _require_same(path: Path, table: DataFrame, manifest: Manifest, study: Study
 def _fits(table: DataFrame, study: Study) -> Iterator[Fit]:
     """A fit by one method for each recording of the scenarios that it was tried on."""
     label = str(table.method.iloc[0])
-    rows = dict(iter(table.groupby(["scenario", "replication"], sort=False)))
-    for origin in (own for own in study.scenarios if own.name in {*table.scenario}):
+    by_place = dict(iter(table.groupby(["scenario", "replication"], sort=False)))
+    for origin in (s for s in study.scenarios if s.name in {*table.scenario}):
         for replication in range(study.replications):
             scenario = scenario_of(origin, study.seed, replication)
-            own = rows.get((origin.name, replication), table[:0])
-            found = {key: values for key, *values in own[["parameter", *NUMBERS]].itertuples(False)}
-            why = _fault(found, scenario.model.keys)
+            rows = by_place.get((origin.name, replication), table[:0])
+            numbers = rows[["parameter", *NUMBERS]].itertuples(False)
+            estimates = {key: values for key, *values in numbers}
+            why = _fault(estimates, scenario.model.keys)
             outcome = Outcome.INVALID if why else Outcome.CONVERGED
-            seconds = number(own.seconds.iloc[0]) if len(own) else None
+            seconds = number(rows.seconds.iloc[0]) if len(rows) else None
             key = origin.name, label, replication
             fit = Fit(*key, outcome.slug, why, not why, seconds=seconds)
-            yield with_truth(fit, scenario, {} if why else found)
+            yield with_truth(fit, scenario, {} if why else estimates)
 
 
-def _fault(found: Mapping[str, Sequence[float]], keys: Sequence[str]) -> str:
+def _fault(estimates: Mapping[str, Sequence[float]], keys: Sequence[str]) -> str:
     """Why the estimates of a recording are no result, empty if they are."""
-    if not found:
+    if not estimates:
         return "there is no estimate of this recording"
     for key in keys:
-        value, error, low, high = found.get(key, (math.nan,) * 4)
+        value, error, low, high = estimates.get(key, (math.nan,) * 4)
         if math.isnan(value):
             return f"there is no value of {key}"
         if error <= 0.0:

@@ -92,8 +92,8 @@ def fit_trials(seed: int, workers: int | None) -> DataFrame:
     """All fits of Figs 9 to 11, a row for each parameter; failed ones have no value."""
     from pandas import DataFrame
 
-    found = run_tasks(fit_trial, trials(seed), _given_up, workers)
-    return DataFrame([row for rows in found for row in rows])
+    answers = run_tasks(fit_trial, trials(seed), _given_up, workers)
+    return DataFrame([row for rows in answers for row in rows])
 
 
 def fit_trial(trial: Trial) -> list[dict[str, Any]]:
@@ -133,8 +133,8 @@ def trials(seed: int) -> Iterator[Trial]:
         ("11", "target-only", MULTI, GROUPS, cues),
     ):
         for subject in range(1, count + 1):
-            own = _scattered([*pilots.values()], seed, subject)
-            for condition, truth in zip(pilots, own, strict=True):
+            subjects = _scattered([*pilots.values()], seed, subject)
+            for condition, truth in zip(pilots, subjects, strict=True):
                 name = f"fig-{figure}-{subject}-{condition}"
                 source = replace(SCENARIOS[base], name=name, truth=truth)
                 for method in METHODS:
@@ -159,7 +159,7 @@ def _scattered(pilots: list[FloatArray], seed: int, subject: int) -> list[tuple[
     rng, element = draw_rng(seed, "paper", subject), SCENARIOS["nominal"].element
     later = np.array([MARGIN if key in ("Kvis", "tdvis") else 1.0 for key in KEYS])
     while True:
-        own = np.exp(SCATTER * rng.standard_normal(len(KEYS)))
-        found = [own * pilot for pilot in pilots]
-        if all(is_stable(MULTI, later * values, element) for values in found):
-            return [tuple(values.tolist()) for values in found]
+        factors = np.exp(SCATTER * rng.standard_normal(len(KEYS)))
+        scattered = [factors * pilot for pilot in pilots]
+        if all(is_stable(MULTI, later * values, element) for values in scattered):
+            return [tuple(values.tolist()) for values in scattered]

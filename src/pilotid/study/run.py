@@ -58,8 +58,8 @@ def run_task(task: Task) -> Fit:
     """Simulate and identify; whatever goes wrong is a result."""
     key, seed = task.key, task.seed
     try:
-        held: tuple[AnyScenario, Method] = unpacked(task.content)
-        origin, method = held
+        pair: tuple[AnyScenario, Method] = unpacked(task.content)
+        origin, method = pair
         name, _, replication = key
         shown = recorded(origin, replication)
         scenario = scenario_of(origin, seed, shown)
@@ -82,8 +82,8 @@ def run_task(task: Task) -> Fit:
             told(remarks_of(origin, seed, shown), estimate),
             undetermined=tuple(q.key for q in estimate.parameters if not q.determined),
         )
-        found = {q.key: (q.value, q.std_error, q.lower, q.upper) for q in estimate.parameters}
-        return with_truth(ended, scenario, found)
+        estimated = {q.key: (q.value, q.std_error, q.lower, q.upper) for q in estimate.parameters}
+        return with_truth(ended, scenario, estimated)
     except MemoryError as error:
         return Fit(*key, Outcome.OUT_OF_MEMORY.slug, one_line(str(error)))
     except BaseException as error:  # an interruption too: the user's go to another process
@@ -91,7 +91,7 @@ def run_task(task: Task) -> Fit:
 
 
 def with_truth(
-    fit: Fit, scenario: Scenario, found: Mapping[str, Sequence[float]] | None = None
+    fit: Fit, scenario: Scenario, estimated: Mapping[str, Sequence[float]] | None = None
 ) -> Fit:
     """A fit with what its recording was drawn from, beside what was estimated, if anything.
 
@@ -99,7 +99,7 @@ def with_truth(
     ----------
     fit, scenario
         The fit, and the scenario of its replication.
-    found
+    estimated
         Value, standard error and ends of the interval of each parameter.
 
     Raises
@@ -109,7 +109,7 @@ def with_truth(
     """
     rows = []
     for known in truths_of(scenario):
-        value, error, low, high = map(number, (found or {}).get(known[0], (math.nan,) * 4))
+        value, error, low, high = map(number, (estimated or {}).get(known[0], (math.nan,) * 4))
         rows.append((*known, value, error, low, high))
     model, facts = scenario.model.name, facts_of(scenario)
     return replace(fit, model=model, facts=facts, estimates=tuple(rows))
@@ -146,9 +146,9 @@ def told(remarked: tuple[str, ...], estimate: Estimate) -> str:
     estimate
         The estimate.
     """
-    own = [remark for remark in estimate.remarks if codes_of([remark])[0] not in LEFT_OPEN]
-    found = [*(f"recording: {remark}" for remark in remarked), *own]
-    line = " | ".join(found)
+    remarks = [remark for remark in estimate.remarks if codes_of([remark])[0] not in LEFT_OPEN]
+    sentences = [*(f"recording: {remark}" for remark in remarked), *remarks]
+    line = " | ".join(sentences)
     return line if len(line) <= LONGEST_TOLD else f"{line[: LONGEST_TOLD - 4]} ..."
 
 
@@ -165,8 +165,8 @@ def excess_of(
         return None
     try:
         sets = np.array([estimate.values, scenario.values])
-        own, best = criteria_from(recording, estimate.model, sets)
-        return number(own - best)
+        reached, best = criteria_from(recording, estimate.model, sets)
+        return number(reached - best)
     except Exception:
         return None
 

@@ -99,11 +99,11 @@ def measured(frame: DataFrame) -> DataFrame:
     d["error"] = (d.value - d.truth).where(d.usable)
     claimed = d.std_error.where(d.std_error > 0.0)
     d["z"], d["ratio"] = d.error / claimed, d.error / d.bound
-    own = d.lower.notna() & d.upper.notna()
+    has_interval = d.lower.notna() & d.upper.notna()
     hit = (d.lower <= d.truth) & (d.truth <= d.upper)
-    d["hit"] = hit.astype(float).where(own & d.error.notna())
-    d["low"] = d.lower.where(own, d.value - Z95 * claimed)
-    d["high"] = d.upper.where(own, d.value + Z95 * claimed)
+    d["hit"] = hit.astype(float).where(has_interval & d.error.notna())
+    d["low"] = d.lower.where(has_interval, d.value - Z95 * claimed)
+    d["high"] = d.upper.where(has_interval, d.value + Z95 * claimed)
     ends = np.minimum(0.0, 2.0 * d.truth), np.maximum(0.0, 2.0 * d.truth)
     low, high = (end.clip(*ends) for end in (d.low, d.high))
     score = interval_score(low, high, d.truth).where(d.usable)
@@ -154,9 +154,9 @@ def score(measured: DataFrame) -> DataFrame:
             columns["recording"] = cell.replication.factorize()[0]
             whole = {(ALL, ALL): np.ones(len(cell), dtype=bool)}
             for (stratum, value), chosen in (whole | _chosen(cell, parts)).items():
-                own = {column: held[chosen] for column, held in columns.items()}
+                chosen_columns = {column: values[chosen] for column, values in columns.items()}
                 part = front | {"stratum": stratum, "value": value}
-                rows += [part | scores for scores in _scores_of(own, keys, str(name))]
+                rows += [part | scores for scores in _scores_of(chosen_columns, keys, str(name))]
     return DataFrame(rows)
 
 
@@ -178,38 +178,38 @@ def _chosen(
     }
 
 
-def _scores_of(own: dict[str, Any], keys: list[str], name: str) -> Iterator[dict[str, Any]]:
+def _scores_of(columns: dict[str, Any], keys: list[str], name: str) -> Iterator[dict[str, Any]]:
     """What all parameters together have scored, and each."""
-    losses = np.full((own["recording"].max(initial=-1) + 1, len(keys)), math.nan)
-    of_key = {key: own["parameter"] == key for key in keys}
+    losses = np.full((columns["recording"].max(initial=-1) + 1, len(keys)), math.nan)
+    of_key = {key: columns["parameter"] == key for key in keys}
     for place, rows in enumerate(of_key.values()):
-        losses[own["recording"][rows], place] = own["loss"][rows]
-    well = [mean(own["loss"][rows & own["usable"]]) for rows in of_key.values()]
+        losses[columns["recording"][rows], place] = columns["loss"][rows]
+    well = [mean(columns["loss"][rows & columns["usable"]]) for rows in of_key.values()]
     ended = [geometric_mean(well), *well]
-    found = mean_losses(losses, name)
-    every = {ALL: np.ones(own["parameter"].size, dtype=bool), **of_key}
-    for (key, rows), loss, good in zip(every.items(), found.tolist(), ended, strict=True):
-        these = {column: held[rows] for column, held in own.items()}
+    all_losses = mean_losses(losses, name)
+    every = {ALL: np.ones(columns["parameter"].size, dtype=bool), **of_key}
+    for (key, rows), loss, good in zip(every.items(), all_losses.tolist(), ended, strict=True):
+        these = {column: values[rows] for column, values in columns.items()}
         last = dict(zip(LOSS, loss, strict=True)) | {"loss_ended_well": good}
         yield {"parameter": key} | _row(these, key) | last
 
 
-def _row(own: dict[str, Any], key: str) -> dict[str, Any]:
+def _row(columns: dict[str, Any], key: str) -> dict[str, Any]:
     """What one parameter, or all, have scored but for the loss."""
-    fits = own["first"] | (key != ALL)
+    fits = columns["first"] | (key != ALL)
     tried, usable, warned, excess, seconds = (
-        own[name][fits] for name in ("tried", "usable", "warned", "excess", "seconds")
+        columns[name][fits] for name in ("tried", "usable", "warned", "excess", "seconds")
     )
     excess, seconds = excess[tried & np.isfinite(excess)], seconds[np.isfinite(seconds)]
-    error = np.isfinite(own["error"])
-    claims, bounded, given = (error & np.isfinite(own[name]) for name in ("z", "ratio", "hit"))
-    z, of_z = own["z"][claims], own["recording"][claims]
-    ratio, of_ratio = own["ratio"][bounded], own["recording"][bounded]
-    cover, ends, worth = coverage(own["hit"][given] > 0.0, own["recording"][given])
-    one = key != ALL and error.size > 0 and not own["population"][0]
-    truth, bound = (own["truth"][0], own["bound"][0]) if one else (math.nan, math.nan)
-    values = own["value"][error] if one else np.zeros(0)
-    claimed = mean(own["std_error"][error]) if one else math.nan
+    error = np.isfinite(columns["error"])
+    claims, bounded, given = (error & np.isfinite(columns[name]) for name in ("z", "ratio", "hit"))
+    z, of_z = columns["z"][claims], columns["recording"][claims]
+    ratio, of_ratio = columns["ratio"][bounded], columns["recording"][bounded]
+    cover, ends, worth = coverage(columns["hit"][given] > 0.0, columns["recording"][given])
+    one = key != ALL and error.size > 0 and not columns["population"][0]
+    truth, bound = (columns["truth"][0], columns["bound"][0]) if one else (math.nan, math.nan)
+    values = columns["value"][error] if one else np.zeros(0)
+    claimed = mean(columns["std_error"][error]) if one else math.nan
     off = bias(values, truth)
     pairs = {
         ("bias", "bias_se"): off,
@@ -232,7 +232,7 @@ def _row(own: dict[str, Any], key: str) -> dict[str, Any]:
         "std": spread(values),
         "rmse": rmse(values, truth),
         "mean_std_error": claimed,
-        "posterior_std": claimed if own["posterior"].any() else math.nan,
+        "posterior_std": claimed if columns["posterior"].any() else math.nan,
         "coverage_lower": ends[0],
         "coverage_upper": ends[1],
         "worth": worth,
@@ -268,8 +268,8 @@ def loss_ratios(first: DataFrame, second: DataFrame) -> DataFrame:
         np.asarray(scaled.pivot(index="replication", columns="parameter", values=name)[keys])
         for name in ("loss", "loss_other")
     )
-    found = mean_losses(ours, first.scenario.iloc[0], theirs)
-    return DataFrame(found, [ALL, *keys], LOSS)
+    ratios = mean_losses(ours, first.scenario.iloc[0], theirs)
+    return DataFrame(ratios, [ALL, *keys], LOSS)
 
 
 # ------------------------------------------------------------------------------------ strata
@@ -403,12 +403,12 @@ def mean_losses(losses: FloatArray, name: str, others: FloatArray | None = None)
         variance[0] = np.maximum(variance[0], least)
     logs = np.column_stack([logs.mean(axis=1), logs])
     logs[np.abs(logs) < ROUNDING] = 0.0
-    found = np.full((1 + present.size, 3), math.nan)
-    for place, own, spread in zip(
+    intervals = np.full((1 + present.size, 3), math.nan)
+    for place, each_loss, spread in zip(
         np.flatnonzero([True, *present]), logs.T, variance.T, strict=True
     ):
-        found[place] = _bootstrap_t(own, spread, count, one_sided=others is None)
-    return found
+        intervals[place] = _bootstrap_t(each_loss, spread, count, one_sided=others is None)
+    return intervals
 
 
 def _bootstrap_t(

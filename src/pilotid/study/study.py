@@ -52,14 +52,14 @@ def method_entry(method: Method, position: int = 0, typed: str = "", label: str 
     label
         Its label in the study; empty for its own.
     """
-    known, own = list(METHODS), label_of(method)
+    known, name = list(METHODS), label_of(method)
     registered = method.name in known
     place = known.index(method.name) if registered else len(known) + position
     if not typed:
         kind = type(method)
         place_in_code = f"{kind.__module__}:{kind.__qualname__}"
-        typed = own if registered else labelled(place_in_code, method)
-    return Entry(label or own, place, to_jsonable(method), code_digest(method), typed)
+        typed = name if registered else labelled(place_in_code, method)
+    return Entry(label or name, place, to_jsonable(method), code_digest(method), typed)
 
 
 def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") -> Entry:
@@ -92,8 +92,8 @@ def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") ->
         ) from error
     name, about = scenario.name, scenario.description
     place = known.index(name) if name in known else len(known) + position
-    own = place, to_jsonable(scenario), code_digest(scenario), typed or name
-    return Entry(name, *own, about, model, family, population, remnant)
+    entry = place, to_jsonable(scenario), code_digest(scenario), typed or name
+    return Entry(name, *entry, about, model, family, population, remnant)
 
 
 #: Shows results as they come: the results, and how many there will be by method.
@@ -193,8 +193,8 @@ class Study:
         about = about_this(self.seed)
         scenarios = list(map(scenario_entry, self.scenarios, count(), self._typed[0]))
         methods = list(map(method_entry, self.methods, count(), self._typed[1], self.labels))
-        held = store.about()
-        changed = [key for key in about if key in held and held[key] != about[key]]
+        before = store.about()
+        changed = [key for key in about if key in before and before[key] != about[key]]
         for new, old in (
             (methods, store.entries(OF_METHODS)),
             (scenarios, store.entries(OF_SCENARIOS)),

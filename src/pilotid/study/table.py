@@ -160,11 +160,11 @@ class Entry:
 
     def number(self, path: str) -> float:
         """A number among the settings, such as ``remnant.level``; NaN if it is not there."""
-        held: Any = self.settings
+        setting: Any = self.settings
         for name in path.split("."):
-            held = held.get(name) if isinstance(held, Mapping) else None
-        is_number = isinstance(held, int | float) and not isinstance(held, bool)
-        return float(held) if is_number and abs(held) <= LARGEST_SETTING else math.nan
+            setting = setting.get(name) if isinstance(setting, Mapping) else None
+        is_number = isinstance(setting, int | float) and not isinstance(setting, bool)
+        return float(setting) if is_number and abs(setting) <= LARGEST_SETTING else math.nan
 
 
 class Store(Rows):
@@ -190,8 +190,8 @@ class Store(Rows):
 
     def entries(self, which: str) -> dict[str, Entry]:
         """Scenarios (`OF_SCENARIOS`) or methods (`OF_METHODS`) by name, in their order."""
-        found = sorted(self.every(Entry, which), key=lambda entry: (entry.position, entry.name))
-        return {entry.name: entry for entry in found}
+        ordered = sorted(self.every(Entry, which), key=lambda entry: (entry.position, entry.name))
+        return {entry.name: entry for entry in ordered}
 
     def add(self, fit: Fit) -> None:
         """Keep a fit."""
@@ -240,10 +240,10 @@ def frame_of(fits: Iterable[Fit]) -> DataFrame:
 
     def rows() -> Iterator[tuple[Any, ...]]:
         for fit in fits:
-            own = tuple(getattr(fit, name) for name in OF_FIT)
+            of_fit = tuple(getattr(fit, name) for name in OF_FIT)
             drawn = tuple(fit.facts.get(name) for name in (*WORDS, *NUMBERS))
             for known in fit.estimates or nothing:
-                yield *own, *drawn, *known, known[0] not in fit.undetermined
+                yield *of_fit, *drawn, *known, known[0] not in fit.undetermined
 
     frame = DataFrame(list(rows()), columns=columns)
     for name in (*NUMBERS, "seconds", "excess", *OF_PARAMETER[2:]):
@@ -297,8 +297,8 @@ class Comparison:
     def _cells(self) -> dict[tuple[str, str], tuple[DataFrame, DataFrame]]:
         by = ["scenario", "method"]
         whole = self.scores[self.scores.stratum == ALL]
-        own, of = (dict(iter(d.groupby(by, sort=False))) for d in (self.measured, whole))
-        return {cell: (own[cell], of[cell]) for cell in own}
+        cells, of = (dict(iter(d.groupby(by, sort=False))) for d in (self.measured, whole))
+        return {cell: (cells[cell], of[cell]) for cell in cells}
 
     def cell(self, scenario: str, method: str) -> DataFrame:
         """The rows of `measured` of a method in a scenario; none if it was not tried there.
@@ -337,13 +337,13 @@ class Comparison:
     def of(self, scenario: str) -> DataFrame:
         """Scores over all parameters and recordings of a scenario, a row for each method."""
         s = self.scores
-        found = s[(s.scenario == scenario) & (s.stratum == ALL) & (s.parameter == ALL)]
-        return found.set_index("method", drop=False)
+        rows = s[(s.scenario == scenario) & (s.stratum == ALL) & (s.parameter == ALL)]
+        return rows.set_index("method", drop=False)
 
     def replications(self, scenario: str | None = None) -> int:
         """Recordings of a scenario, or of that which has most."""
-        own = self.frame if scenario is None else self.frame[self.frame.scenario == scenario]
-        return int(own.replication.max()) + 1 if len(own) else 0
+        frame = self.frame if scenario is None else self.frame[self.frame.scenario == scenario]
+        return int(frame.replication.max()) + 1 if len(frame) else 0
 
     def to_dataframe(self, *, summary: bool = False) -> DataFrame:
         """All estimates, or the scores, as estimates.csv and summary.csv have them.
@@ -355,14 +355,14 @@ class Comparison:
         """
         if not summary:
             return self.frame[list(ESTIMATES)].rename(columns=ESTIMATES)
-        found = self.scores[self.scores.stratum == ALL]
-        every = found.parameter == ALL
-        found = found.assign(
-            n=found.n.where(~every, found.usable), failures=found.failures + found.not_applicable
+        rows = self.scores[self.scores.stratum == ALL]
+        every = rows.parameter == ALL
+        rows = rows.assign(
+            n=rows.n.where(~every, rows.usable), failures=rows.failures + rows.not_applicable
         )
         # All parameters together stand behind each.
-        cell = found.groupby(["scenario", "method"], sort=False).ngroup()
-        order = found.assign(cell=cell, every=every).sort_values(["cell", "every"], kind="stable")
+        cell = rows.groupby(["scenario", "method"], sort=False).ngroup()
+        order = rows.assign(cell=cell, every=every).sort_values(["cell", "every"], kind="stable")
         return order[SUMMARY].reset_index(drop=True)
 
     def write(self, folder: Path) -> None:
@@ -425,7 +425,7 @@ def find_changes(first: Comparison, second: Comparison) -> tuple[DataFrame, list
             f"{second.folder}: has the seed {seeds[1]} and other recordings than {first.folder} "
             f"(seed {seeds[0]}); set the columns `loss` of both summary.csv side by side"
         )
-    found, unlike = [], {}
+    changes, unlike = [], {}
     for name, method in dict.fromkeys(zip(first.frame.scenario, first.frame.method, strict=True)):
         ours, theirs = first.cell(name, method), second.cell(name, method)
         if not len(theirs):
@@ -436,11 +436,11 @@ def find_changes(first: Comparison, second: Comparison) -> tuple[DataFrame, list
             unlike[name] = f"{name} is left out: other pilots were drawn"
         else:
             ratios = loss_ratios(theirs, ours).rename_axis("parameter").reset_index()
-            found.append(ratios.assign(scenario=name, method=method))
-    if not found:
-        told = "; ".join(["", *unlike.values()])
-        raise InputError(f"{second.folder}: has no fits of the recordings of {first.folder}{told}")
-    return concat(found)[["scenario", "method", "parameter", *LOSS]], list(unlike.values())
+            changes.append(ratios.assign(scenario=name, method=method))
+    if not changes:
+        why = "; ".join(["", *unlike.values()])
+        raise InputError(f"{second.folder}: has no fits of the recordings of {first.folder}{why}")
+    return concat(changes)[["scenario", "method", "parameter", *LOSS]], list(unlike.values())
 
 
 def _same_pilots(ours: DataFrame, theirs: DataFrame) -> bool:
@@ -573,7 +573,7 @@ def _coverage(rows: list[Any]) -> Flag | None:
     """The coverage that is surest not to be 95 %, by the binomial distribution."""
     from scipy.special import bdtr, bdtrc
 
-    found = []
+    outside = []
     for s in rows:
         if not s.worth:
             continue
@@ -581,10 +581,10 @@ def _coverage(rows: list[Any]) -> Flag | None:
         short = float(bdtr(math.floor(hits + 1e-9), s.worth, 0.95))
         long = float(bdtrc(math.ceil(hits - 1e-9) - 1, s.worth, 0.95)) if hits > 0.0 else 1.0
         if 2.0 * min(short, long) < CHANCE:
-            found.append((s, "too-short" if short < long else "too-long"))
-    if not found:
+            outside.append((s, "too-short" if short < long else "too-long"))
+    if not outside:
         return None
-    single = [f for f in found if f[0].parameter != ALL] or found
+    single = [f for f in outside if f[0].parameter != ALL] or outside
     worst, code = max(single, key=lambda f: abs(f[0].coverage_95 - 0.95))
     return Flag(code, worst.parameter, worst.coverage_95)
 
@@ -601,10 +601,10 @@ def _failures(overall: Any) -> Flag | None:
 
 def worst_parameter(scores: DataFrame) -> str:
     """The parameter that is farthest off in bounds, in rmse, and its bias; empty for none."""
-    own = scores.iloc[1:].dropna(subset="rmse_over_bound")
-    if not len(own):
+    rows = scores.iloc[1:].dropna(subset="rmse_over_bound")
+    if not len(rows):
         return ""
-    row = own.loc[own.rmse_over_bound.idxmax()]
+    row = rows.loc[rows.rmse_over_bound.idxmax()]
     words = f"{row.parameter} {number(row.rmse_over_bound, 2)} bounds"
     known = math.isfinite(row.bias_percent)
     return f"{words}, {signed(row.bias_percent)} %" if known else words

@@ -137,18 +137,18 @@ class Trust:
     def sentences(self) -> list[str]:
         """What makes the simulations worthless, and each parameter whose coverage is off."""
         tested = self.specification
-        told = [
+        sentences = [
             _advice(self.label, p)
             for p in self.parameters.values()
             if not p["coverage_95"][0] <= COVERED <= p["coverage_95"][1]
         ]
         if tested is None or tested.agrees:
-            return told
+            return sentences
         return [
             f"The fit that was simulated contradicts the forcing functions (p = "
             f"{tested.p_value:.1g}): the recorded pilot is another one than the simulated, and "
             "nothing that follows can be believed of it.",
-            *told,
+            *sentences,
         ]
 
     def to_dict(self) -> dict[str, Any]:
@@ -225,22 +225,22 @@ def try_fit(
     scenario = Scenario.from_fit(simulated, recording)
     make_folder(folder)
     path, origin = folder / TRUST, list[AnyScenario | str]([scenario])
-    held: dict[str, object] = {"seed": seed}
+    facts: dict[str, object] = {"seed": seed}
     if MODELS.get(scenario.model.name) == scenario.model:  # otherwise no file can name the model
-        held["scenario"] = scenario_json(scenario)
+        facts["scenario"] = scenario_json(scenario)
         if path.exists() and designed_scenario(path) != scenario:
             raise InputError(
                 f"{path}: is of another recording, model or method; name another folder with --out"
             )
-        write_file(path, strict_json(held).encode())
+        write_file(path, strict_json(facts).encode())
         origin = [str(path)]
     study = Study(origin, named or list(METHODS.values()), replications, seed)
     label = label_of(named[0]) if named else DEFAULT_METHOD
     comparison = study.run_in(folder, workers, bar)
-    found = Trust(recording.source, estimate, label, simulated.specification, comparison)
+    trust = Trust(recording.source, estimate, label, simulated.specification, comparison)
     comparison.write(folder)
-    write_file(path, strict_json({**found.to_dict(), **held}).encode())
-    return found
+    write_file(path, strict_json({**trust.to_dict(), **facts}).encode())
+    return trust
 
 
 def fits_of(

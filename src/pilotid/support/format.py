@@ -327,13 +327,13 @@ def latex(table: Table, symbol: Callable[[str], str] = str) -> str:
             return "--"
         if numeric:
             return re.sub(number, r"$\g<0>$", for_latex(text))
-        own = symbol(text)
-        return own if own != text else for_latex(text)
+        known = symbol(text)
+        return known if known != text else for_latex(text)
 
     rows = [map(cell, row, table.numeric) for row in table.rows]
-    found = DataFrame(rows, columns=[*map(for_latex, table.columns)])
-    places = "".join("r" if own else "l" for own in table.numeric)
-    return str(found.to_latex(index=False, longtable=True, column_format=places))
+    frame = DataFrame(rows, columns=[*map(for_latex, table.columns)])
+    places = "".join("r" if is_number else "l" for is_number in table.numeric)
+    return str(frame.to_latex(index=False, longtable=True, column_format=places))
 
 
 # the terminal
@@ -410,11 +410,11 @@ def _rich(table: Table, encoding: str, places: Sequence[int]) -> RichTable:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table as RichTable
 
-    found = RichTable(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    drawn = RichTable(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
     sign = "±" if encoding == "utf-8" else "+-"
     for place in places:
         number = table.numeric[place]
-        found.add_column(
+        drawn.add_column(
             plain(table.columns[place]),
             justify="right" if number else "left",
             # What rows are about is kept whole, and so are numbers.
@@ -422,8 +422,8 @@ def _rich(table: Table, encoding: str, places: Sequence[int]) -> RichTable:
             overflow="fold",
         )
     for row in table.rows:
-        found.add_row(*(plain(row[place]).replace("±", sign) for place in places))
-    return found
+        drawn.add_row(*(plain(row[place]).replace("±", sign) for place in places))
+    return drawn
 
 
 def make_console(*, errors: bool = False) -> Console:

@@ -116,8 +116,8 @@ def processors() -> int:
 @cache
 def own_digest() -> str:
     """A short digest of this package's source."""
-    found = [find_spec(name) for name in ("pilotid", "pilotid.methods", "pilotid.datasets")]
-    folders = [f for spec in found if spec for f in spec.submodule_search_locations or ()]
+    packages = [find_spec(name) for name in ("pilotid", "pilotid.methods", "pilotid.datasets")]
+    folders = [f for spec in packages if spec for f in spec.submodule_search_locations or ()]
     files = [file for folder in folders for file in sorted(Path(folder).rglob("*.py"))]
     return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
@@ -221,10 +221,10 @@ def _cluster(scheduler: str) -> Iterator[Executor]:
     def loss(error: Exception) -> tuple[Loss, str]:
         if isinstance(error, KilledWorker):
             return Loss.DIED, "again and again"
-        told = f"a worker cannot do a fit ({reason(error)}); install the same pilotid there"
+        why = f"a worker cannot do a fit ({reason(error)}); install the same pilotid there"
         if isinstance(error, CancelledError):  # that is how a lost connection ends them
-            told = "the scheduler ended or cannot be reached any more; what is done is kept"
-        raise InputError(f"{place}: {told}, and run the same command again") from error
+            why = "the scheduler ended or cannot be reached any more; what is done is kept"
+        raise InputError(f"{place}: {why}, and run the same command again") from error
 
     logging.disable()  # what is wrong is said in a sentence; Dask would tell it in a hundred
     try:

@@ -194,7 +194,7 @@ def _converted(name: str, value: object, hint: Any) -> object:
     try:  # in a tuple, since a dataclass takes no settings of others
         return TypeAdapter(tuple[hint], config=strictly).validate_python((value,))[0]
     except ValidationError as error:
-        why = " or ".join(dict.fromkeys(found["msg"] for found in error.errors()))
+        why = " or ".join(dict.fromkeys(fault["msg"] for fault in error.errors()))
         raise ValueError(f"{name}={as_typed(value)}: {why[:1].lower()}{why[1:]}") from None
 
 
@@ -382,12 +382,12 @@ def _pickled(thing: object) -> tuple[bytes, set[Any]]:
     """An object as bytes, and all classes and functions that it is made of."""
     import cloudpickle
 
-    stream, found = io.BytesIO(), set[Any]()
+    stream, kinds = io.BytesIO(), set[Any]()
 
     class Pickler(cloudpickle.Pickler):  # type: ignore[misc]
         def persistent_id(self, part: Any) -> None:
             kind = part if isinstance(part, type | FunctionType) else type(part)
-            found.update(getattr(kind, "__mro__", (kind,)))
+            kinds.update(getattr(kind, "__mro__", (kind,)))
 
     try:
         Pickler(stream).dump(thing)
@@ -396,7 +396,7 @@ def _pickled(thing: object) -> tuple[bytes, set[Any]]:
             f"a setting cannot be handed to another process ({reason(error)}); let settings be "
             "numbers, words and dataclasses"
         ) from error
-    return stream.getvalue(), found
+    return stream.getvalue(), kinds
 
 
 def code_digest(thing: object) -> str:
@@ -425,9 +425,10 @@ def _source(kind: type | FunctionType, file: str | None) -> bytes:
     if file and Path(file).is_file():
         return Path(file).read_bytes()
     parts = [kind, *vars(kind).values()]
-    own = [f for f in parts if isinstance(f, FunctionType) and f.__code__.co_filename != "<string>"]
+    made = [f for f in parts if isinstance(f, FunctionType)]
+    functions = [f for f in made if f.__code__.co_filename != "<string>"]
     try:
-        return "".join(map(inspect.getsource, own)).encode()
+        return "".join(map(inspect.getsource, functions)).encode()
     except OSError:
         raise InputError(
             f"{kind.__qualname__}: was typed in, and nobody could tell later whether it has "

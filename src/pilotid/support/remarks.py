@@ -108,8 +108,8 @@ class Remark(str):
 
 def remarks_json(remarks: Iterable[str]) -> dict[str, list[str]]:
     """Sentences and codes, as JSON has them."""
-    told = list(remarks)
-    return {"remarks": [str(remark) for remark in told], "codes": codes_of(told)}
+    sentences = list(remarks)
+    return {"remarks": [str(remark) for remark in sentences], "codes": codes_of(sentences)}
 
 
 def codes_of(remarks: Iterable[str]) -> list[str]:
@@ -119,13 +119,13 @@ def codes_of(remarks: Iterable[str]) -> list[str]:
 
 def codes_in(texts: Iterable[str]) -> frozenset[str]:
     """The codes in texts such as ``drift,offset``; one that is none is refused."""
-    found = [code.strip() for text in texts for code in text.split(",")]
-    for code in found:
+    codes = [code.strip() for text in texts for code in text.split(",")]
+    for code in codes:
         if code not in CODES:
             near = get_close_matches(code, CODES, 1)
             other = f"did you mean {near[0]}?" if near else "the guide lists them under Warnings"
             raise InputError(f"--ignore: there is no warning with the code '{code}'; {other}")
-    return frozenset(found)
+    return frozenset(codes)
 
 
 def without(remarks: Iterable[str], ignored: Collection[str]) -> tuple[Remark, ...]:

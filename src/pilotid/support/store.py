@@ -92,8 +92,8 @@ class Rows:
         """All things of a kind, which SQL tells from others, in the order of their keys."""
         query = f"SELECT content FROM rows WHERE {where} ORDER BY scenario, method, replication"
         with self._in_words():
-            found = self._base.execute(query, values).fetchall()
-            return [_adapter(kind).validate_json(content) for (content,) in found]
+            rows = self._base.execute(query, values).fetchall()
+            return [_adapter(kind).validate_json(content) for (content,) in rows]
 
     @contextmanager
     def _in_words(self) -> Iterator[None]:
@@ -118,15 +118,15 @@ class Rows:
         base = sqlite3.connect(place, uri=True, isolation_level=None, timeout=PATIENCE)
         query = "SELECT sql, user_version FROM sqlite_master, pragma_user_version WHERE sql != ''"
         try:
-            held = base.execute(query).fetchall()
-            if held != [(SCHEMA, self.format)] and (held or not create):
+            formats = base.execute(query).fetchall()
+            if formats != [(SCHEMA, self.format)] and (formats or not create):
                 raise InputError(
                     f"{self.path}: is no such store, or of another version of pilotid; name "
                     "another folder"
                 )
-            told = base.execute("PRAGMA quick_check(1)").fetchone()
-            if told != ("ok",):
-                raise ValueError(f"it is damaged: {told[0]}")
+            fault = base.execute("PRAGMA quick_check(1)").fetchone()
+            if fault != ("ok",):
+                raise ValueError(f"it is damaged: {fault[0]}")
             if create:
                 base.execute("PRAGMA journal_mode=WAL")
                 base.execute("PRAGMA synchronous=NORMAL")
