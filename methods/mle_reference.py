@@ -93,6 +93,8 @@ class MLEReference(LikelihoodSettings):
         values = minimise(moments.gram, values, model).values
         moments.weigh_at(values[0])
         end = minimise(moments.gram, values, model)
+        # Nothing is left of the moments there, and what secants tell is rounding.
+        end = replace(end, curvature=np.zeros_like(end.curvature))
         covariance = covariance_of(end.gram[0, :-1, :-1], optimum.variance_factor)
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)

@@ -14,8 +14,12 @@ from pilotid.datasets.signals import half_and_half_step
 from pilotid.estimate.estimate import Outcome
 from pilotid.likelihood.diagnostics import Moments, references
 from pilotid.likelihood.search import maximise_likelihood
+from pilotid.methods import mle_reference
 from pilotid.methods.mle_reference import MLEReference
 from pilotid.model.catalogue import ADAPTING
+from pilotid.solve.intervals import Profile, profile_intervals
+from pilotid.solve.least_squares import Box, minimise
+from pilotid.support.numbers import CHI_SQUARED_95
 
 pytestmark = pytest.mark.numerical
 
@@ -87,3 +91,23 @@ def test_it_says_where_there_are_no_instruments() -> None:
     assert "varies in time" in str(method.objection(recording, ADAPTING))
     bare = replace(recording, ft=None, fd=None, x=-recording.e)
     assert "no forcing function" in str(method.objection(bare, NOMINAL.model))
+
+
+def test_intervals_end_where_the_deviance_of_the_moments_is_that_sought(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shares = []
+
+    def spied(gram, space, end, *rest, widened, **options) -> Profile:  # type: ignore[no-untyped-def]
+        assert not end.curvature.any()  # at a root of the moments it would be rounding's
+        profile = profile_intervals(gram, space, end, *rest, widened=widened, **options)
+        for which, interval in enumerate(profile.intervals):
+            for value in interval:
+                held = Box.holding(space, which, value)
+                cost = minimise(gram, end.values, held).cost[0]
+                shares.append((cost - end.cost[0]) / (CHI_SQUARED_95 * widened))
+        return profile
+
+    monkeypatch.setattr(mle_reference, "profile_intervals", spied)
+    fit_of(MLEReference(), scenario_named("target-step"))
+    assert shares == pytest.approx(np.ones(len(shares)), abs=0.02)
