@@ -226,7 +226,7 @@ def with_weighting(joint: Likelihood, weighting: Weighting) -> Likelihood:
 def test_a_recorder_that_hides_the_pilot_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario, recording = recorded("single")
     sound = identify(MLE(), recording, scenario.model, np.random.default_rng(1))
-    assert "hidden-signal" not in codes_of(sound.remarks)
+    assert "motionless" not in codes_of(sound.remarks)
     assert sound.band is not None
     assert sound.band.half == sound.band.highest
     own = floors_of(recording)
@@ -234,7 +234,7 @@ def test_a_recorder_that_hides_the_pilot_is_named(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(band_likelihood, "floors_of", lambda recording: replace(own, power=flat))
     hidden = identify(MLE(), recording, scenario.model, np.random.default_rng(1))
     assert hidden.outcome.usable
-    assert "hidden-signal" in codes_of(hidden.remarks)
+    assert "motionless" in codes_of(hidden.remarks)
 
 
 def test_without_an_element_prediction_errors_are_direct() -> None:

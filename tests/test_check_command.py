@@ -128,7 +128,7 @@ def test_measured_recordings_have_no_remarks_but_of_an_element_that_changed(meas
     for file in files:
         recording = load_recording(file)
         told = remarks(recording)
-        expected = {"element-varies"} if element_changed(file) else set()
+        expected = {"element-differs"} if element_changed(file) else set()
         if file.stem in LOST:
             expected |= {"lost-samples"}
         assert set(codes_of(told)) == expected, file.name

@@ -101,7 +101,7 @@ def test_of_an_element_that_changes_it_is_said_that_it_does(name: str) -> None:
     for seed in range(3):
         told = remarks(recording_of(name, seed))
         (remark,) = told
-        assert remark.code == "element-varies"
+        assert remark.code == "element-differs"
     assert remarks(recording_of("adapting-slow", 0))
 
 

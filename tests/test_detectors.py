@@ -41,12 +41,12 @@ ALWAYS = (
     ("u causal 10 Hz", "u", "late-signal", 0.036, 0.002),
     ("all zero-phase 3 Hz", "u", "low-pass", 2.6, 0.4),
     ("u zero-phase 3 Hz", "u", "low-pass", 2.6, 0.4),
-    ("all held, every 5th", "x", "resampled", 10.0, 1e-9),
-    ("all linear, every 10th", "u", "resampled", 5.0, 1e-9),
-    ("all cubic, every 5th", "x", "resampled", 10.0, 1e-9),
+    ("all held, every 5th", "x", "low-pass", 10.0, 1e-9),
+    ("all linear, every 10th", "u", "low-pass", 5.0, 1e-9),
+    ("all cubic, every 5th", "x", "low-pass", 10.0, 1e-9),
     ("0.1 % of x lost", "x", "lost-samples", 5.0, 5.0),
-    ("u includes fd", "u", "includes-fd", 0.0, 0.01),
-    ("u times 1.1", "u", "gain-differs", 1.1, 0.01),
+    ("u includes fd", "u", "wrong-unit", 0.0, 0.01),
+    ("u times 1.1", "u", "wrong-unit", 1.1, 0.01),
     ("a run copied", "u", "copied-run", 1.0, 0.0),
 )
 
@@ -149,7 +149,7 @@ def test_the_third_run_that_copies_the_first_is_named() -> None:
 def test_gains_and_units_that_differ_are_mended_by_what_is_said() -> None:
     sound = recording_of("nominal", 3)
     wrong = replace(sound, fd=-sound.fd / 3.49, origin={"fd": "d"})
-    found = of(wrong, "u", "gain-differs")
+    found = of(wrong, "u", "wrong-unit")
     assert found.size == pytest.approx(-3.49, rel=0.02)
     assert f"--map fd={found.size:.3g}*d" in found.sentence
     (remark,) = (r for r in remarks(replace(sound, x=sound.x / 57.2958)) if r.code == "wrong-unit")

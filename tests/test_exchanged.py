@@ -94,7 +94,7 @@ def test_nothing_is_remarked_on() -> None:
     recording = joined(recorded(first, exchanged(first), replace(first, disturbance=None)))
     assert not remarks(recording)
     (other,) = recorded(replace(first, element=single_integrator(2.0)), seed=2)
-    assert "unlike-runs" in {r.code for r in remarks(joined([recording, other]))}
+    assert "element-differs" in {r.code for r in remarks(joined([recording, other]))}
 
 
 def test_lines_in_both_functions_of_a_run_are_refused() -> None:

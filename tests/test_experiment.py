@@ -135,7 +135,7 @@ def test_pairs_are_all_or_those_that_differ_in_one_factor_or_those_named() -> No
         ({"why": "not determined"}, "tlead not determined"),
         ({"usable": False, "outcome": "died"}, "tlead died"),
         ({"remarks": [("little-explained", "a", "wrong")]}, "tlead little-explained"),
-        ({"loop_remarks": [("unstable-loop", "a", "wrong")]}, "tlead unstable-loop"),
+        ({"loop_remarks": [("misspecified", "a", "wrong")]}, "tlead misspecified"),
         ({"recording": [("lost-samples", "a", "wrong")]}, "tlead lost-samples"),
         ({"absent": True}, "no recording"),
     ],

@@ -99,7 +99,7 @@ def test_recordings_with_a_ramp_are_cut_to_their_periods(run: Run, measured: Pat
     files = sorted(measured.glob("preview/*.csv"))
     told = briefly(run, *files, "--map", PREVIEW_MAP)
     assert [": 1 x 40 s, e u x ft fd, " in line for line in told] == [True] * 36
-    assert [line.rpartition("; ")[2] for line in told] == ["note: whole-periods"] * 36
+    assert [line.rpartition("; ")[2] for line in told] == ["note: preprocessed"] * 36
     # One was saved by numpy as well, its forcing functions as objects that may not be read.
     (same,) = measured.glob("preview/*.npz")
     mapping = {"t": "time_", "u": "inp_", "x": "out_", "e": "-out_"}

@@ -55,7 +55,7 @@ def test_windows_are_cut_to_whole_periods(
     whole = ramped(ramp, samples)
     cut = whole_periods(whole)
     assert (cut.run_in, cut.samples) == (start, periods * PERIOD)
-    assert codes_of(remarks(cut))[0] == "whole-periods"
+    assert codes_of(remarks(cut))[0] == "preprocessed"
     assert cut.source == whole.source
     for name, lines in forcing_lines(cut).items():
         assert lines.tolist() == [periods * line for line in LINES[name]]

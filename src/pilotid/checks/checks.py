@@ -28,7 +28,7 @@ BLOCK = 5.0  # seconds whose mean is one observation of an offset
 Found = Iterator[tuple[float, str]]
 NameCheck = Callable[[Recording], Remark | None]
 #: Findings that tell why x seems not to answer to u and fd.
-RELATED = ("appended-runs", "late-signal", "gain-differs", "includes-fd", "rounded")
+RELATED = ("late-signal", "wrong-unit", "rounded")
 
 
 CHECKS: list[NameCheck] = []
@@ -55,7 +55,9 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
     """
     tabled = [row(recording) for row in CHECKS]
     faults = [f for f in findings(recording) if f.grade != "note"]
-    related = any(f.code in RELATED and f.signal != "e" and not _turned(f) for f in faults)
+    related = any(
+        f.code in (*RELATED, "lost-samples") and f.signal != "e" and not _turned(f) for f in faults
+    )
     named = _names_by_lines(recording, ABOUT_ERROR if related else ABOUT_ERROR + ABOUT_OUTPUT)
     is_late = any(f.code == "late-signal" for f in faults)
     if named and named.code in ("not-the-error", "wrong-unit") and is_late:
@@ -113,7 +115,7 @@ def _still(recording: Recording) -> Found:
 
 def _turned(fault: Finding) -> bool:
     """Whether fd has another sign and the same size, which `opposed` tells with more certainty."""
-    return fault.code == "gain-differs" and abs(fault.size + 1.0) <= RECORDER.gain
+    return fault.code == "wrong-unit" and abs(fault.size + 1.0) <= RECORDER.gain
 
 
 def _names_by_lines(recording: Recording, checks: Sequence[NameCheck]) -> Remark | None:
@@ -170,7 +172,7 @@ def _held(recording: Recording) -> Found:
                 )
 
 
-@check("clipped", SIGNAL.at_extreme)
+@check("rounded", SIGNAL.at_extreme)
 def _clipped(recording: Recording) -> Found:
     window = recording.window(recording.u)
     ends = window.max(axis=1, keepdims=True), window.min(axis=1, keepdims=True)
@@ -368,7 +370,7 @@ ABOUT_OUTPUT: tuple[NameCheck, ...] = (opposed, element_changes, unrelated)
 FEWEST_BANDS = 4
 
 
-@check("unlike-runs", math.log(SIGNAL.unlike_element))
+@check("element-differs", math.log(SIGNAL.unlike_element))
 def unlike(recording: Recording) -> Found:
     """One run of another element: the output holds no noise, so that each run shows its own."""
     plants = [plant_of(recording, run) for run in range(recording.runs)]

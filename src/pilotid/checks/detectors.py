@@ -75,7 +75,7 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
     with np.errstate(all="ignore"):  # a signal may be of any size
         faults = list(_ends(recording))
         faults += [*look.lost(faults), *look.steps()]
-        if not any(f.code in ("lost-samples", "appended-runs") for f in faults):
+        if not any(f.code == "lost-samples" for f in faults):
             faults += look.identity()
             faults += look.times(faults)
         faults += look.copies()
@@ -88,7 +88,7 @@ def _ends(recording: Recording) -> tuple[Finding, ...]:
     """What ends the band of a signal, so that nothing is left of it above."""
     with np.errstate(all="ignore"):
         look = _Look(recording)
-        return (*look.falls(), *look.grids())
+        return (*look.grids(), *look.falls())
 
 
 def band_end(recording: Recording) -> float:
@@ -163,7 +163,7 @@ class _Look:
                     f"it was recorded at {rate:.3g} Hz and {how} between; give the samples as they "
                     "were recorded"
                 )
-                yield _band_ends("resampled", name, rate, 0.25 / (step * self.dt), words)
+                yield _band_ends("low-pass", name, rate, 0.25 / (step * self.dt), words)
 
     def steps(self) -> Iterator[Finding]:
         """Rounding, by a converter or by the decimals of a text file."""
@@ -183,7 +183,7 @@ class _Look:
         forced = [self.signals[n] for n in ("ft", "fd") if n in self.signals]
         if "x" not in self.signals or any(_is_stepped(signal) for signal in forced):
             return
-        if any(f.signal == "x" and f.code == "resampled" for f in faults):
+        if any(f.signal == "x" and f.usable < f.size for f in faults):  # held or interpolated
             return
         x = self.signals["x"]
         ratio, share, count, run, sample = _outliers(x, self.drive)
@@ -198,7 +198,7 @@ class _Look:
                 "follow one another as one; give each a column, or take one of them, for example "
                 f"with --span 0:{at:.6g}"
             )
-            yield Finding("appended-runs", "x", "wrong", at, "s", words)
+            yield Finding("lost-samples", "x", "wrong", at, "s", words)
             return
         words = (
             f"x jumps at {count} samples, first at t = {at:.4g} s of run {run + 1}, by up to "
@@ -269,7 +269,7 @@ class _Look:
         ):
             if abs(best.share) <= max(least, RECORDER.no_share):
                 words = "u includes fd: x is the answer to u alone; subtract fd from u"
-                yield Finding("includes-fd", "u", "wrong", best.share, "", words)
+                yield Finding("wrong-unit", "u", "wrong", best.share, "", words)
                 return
             factor, unit = unit_conversion(best.share)
             why = f"is in {unit} and u is not" if unit else "or u has another gain than recorded"
@@ -277,7 +277,7 @@ class _Look:
                 f"x answers to u {best.share:+.3g} fd: fd {why}; "
                 f"use --map {self.recording.scaled('fd', factor)}"
             )
-            yield Finding("gain-differs", "u", "doubt", best.share, "", words)
+            yield Finding("wrong-unit", "u", "doubt", best.share, "", words)
 
     def _against_element(self) -> Iterator[Finding]:
         """X against the answer of the element that the recording names, or else shows.

@@ -393,7 +393,7 @@ def element_changes(recording: Recording) -> Remark | None:
     if apart <= ELEMENT.changed:
         return None
     return Remark(
-        "element-varies",
+        "element-differs",
         "the controlled element of the second half differs from that of the first by a factor of "
         f"{float(np.exp(np.max(np.abs(np.log(np.abs(ratio)))))):.2g} at some frequencies: no "
         "single transfer function describes it; fit the halves separately, or use a time-varying "

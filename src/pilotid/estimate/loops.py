@@ -68,7 +68,7 @@ def loops_of(
     if is_stable(model, values, element):
         return Loops(element, target, disturbance)
     remark = Remark(
-        "unstable-loop",
+        "misspecified",
         f"the fitted loop with {element.name or 'this element'} is unstable, though the recorded "
         "one was not: the model, the controlled element or a sign is wrong, or the estimate is "
         "poor; do not use its margins",

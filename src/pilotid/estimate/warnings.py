@@ -16,7 +16,6 @@ from pilotid.estimate.quantities import spans_decade
 from pilotid.model.catalogue import fault_of
 from pilotid.model.channel import STEEP
 from pilotid.model.element import parsed_element
-from pilotid.model.factors import Parameter
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.roles import listed
@@ -203,10 +202,7 @@ def lines_objection(recording: Recording, model: PilotModel) -> str | None:
 
 
 #: Codes of what a recording leaves open, which is no fault of recording, model or fit.
-LEFT_OPEN = (
-    "inseparable", "not-identifiable", "at-bound", "interval-at-bound", "wide-interval",
-    "asymmetric-interval",
-)  # fmt: skip
+LEFT_OPEN = ("inseparable", "not-determined")
 
 
 ZERO_VAF = 0.05  # %, of a VAF that is shown as 0.0 %
@@ -221,7 +217,7 @@ def all_remarks(estimate: Estimate, recording: Recording) -> tuple[Remark, ...]:
     # Without a target the likelihood can have two optima, which no reported error shows.
     why = shared_signals if is_vague(estimate) else one_signal
     shared = why(recording, estimate.model)
-    return (*remarks, Remark("shared-signals", shared)) if shared else remarks
+    return (*remarks, Remark("inseparable", shared, "doubt")) if shared else remarks
 
 
 def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Remark, ...]:
@@ -252,7 +248,7 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
         *_steps(estimate),
         *_short_delays(estimate),
         *(Remark("inseparable", pair.words) for pair in estimate.inseparable),
-        *_poorly_identified(estimate),
+        *_not_determined(estimate),
     )
 
 
@@ -296,7 +292,7 @@ def _steps(estimate: Estimate) -> Iterator[Remark]:
     least = float(estimate.intervals[rate, 0])
     bound = f", at least {least:.2g} 1/s" if np.isfinite(least) else ""
     yield Remark(
-        "step-change",
+        "not-determined",
         f"the {channel.name} channel changes in a step at {estimate.values[middle]:.4g} s: "
         f"{model.keys[rate]} above {STEEP:g} 1/s means no more than fast{bound}",
     )
@@ -308,7 +304,7 @@ def _short_delays(estimate: Estimate) -> Iterator[Remark]:
         value, end = float(estimate.values[i]), float(estimate.intervals[i, 1])
         if value < ESTIMATE.shortest_delay:
             yield Remark(
-                "short-delay",
+                "outside-range",
                 f"{estimate.model.keys[i]} is {value:.3g} s (at most {end:.3g}), but people's "
                 f"delays are not below {ESTIMATE.shortest_delay:g} s: another parameter may have "
                 "taken its part (a lag, a slow neuromuscular system), or u was recorded early",
@@ -316,68 +312,34 @@ def _short_delays(estimate: Estimate) -> Iterator[Remark]:
             )
 
 
-def _poorly_identified(estimate: Estimate) -> Iterator[Remark]:
-    """Parameters with an interval that ends at a bound, is wide, or lies to one side."""
-    model = estimate.model
-    low, high = at_bounds(model, *estimate.intervals.T)
-    wide, asymmetric = [], []
-    for parameter, value, interval, is_low, is_high in zip(
-        model.parameters, estimate.values, estimate.intervals, low, high, strict=True
-    ):
-        if not parameter.lower <= value <= parameter.upper:
+def _not_determined(estimate: Estimate) -> Iterator[Remark]:
+    """Parameters with an interval that ends at a bound, or is wide: a remark of each grade."""
+    doubts, notes = list[str](), list[str]()
+    is_low, is_high = at_bounds(estimate.model, *estimate.intervals.T)
+    for i, p in enumerate(estimate.model.parameters):
+        value, (low, high) = float(estimate.values[i]), estimate.intervals[i].tolist()
+        if not p.lower <= value <= p.upper:
             continue  # of a method without bounds, which says so itself
-        if parameter.delay and value < ESTIMATE.shortest_delay and not is_high:
+        if p.delay and value < ESTIMATE.shortest_delay and not is_high[i]:
             continue  # `_short_delays` says so
-        if is_low or is_high:
-            yield _at_bound(parameter, interval.tolist(), is_low, is_high)
-            continue
-        ends = np.array([interval[0], value, interval[1]])
-        if parameter.positive:
-            if spans_decade(*interval):
-                wide.append(f"{parameter.key} ({interval[0]:.2g} .. {interval[1]:.2g})")
-                continue
-            ends = np.log(ends)
-        below, above = np.diff(ends)
-        if max(below, above) > ESTIMATE.asymmetric * min(below, above):
-            asymmetric.append(f"{parameter.key} ({'above' if above > below else 'below'})")
-    if wide:
-        yield Remark(
-            "wide-interval",
-            f"{', '.join(wide)} {'is' if len(wide) == 1 else 'are'} poorly identified: the 95 % "
-            f"interval spans more than a factor of {ESTIMATE.wide:g}",
-        )
-    if asymmetric:
-        yield Remark(
-            "asymmetric-interval",
-            f"the 95 % interval of {', '.join(asymmetric)} lies mostly on one side of the value: "
-            "use the interval rather than the standard error",
-        )
-
-
-def _at_bound(parameter: Parameter, interval: list[float], is_low: bool, is_high: bool) -> Remark:
-    key, unit = parameter.key, f" {parameter.unit}" if parameter.unit else ""
-    if is_low and is_high:
-        return Remark(
-            "not-identifiable",
-            f"{key} is not identifiable from this recording: its interval spans the whole allowed "
-            f"range, {parameter.lower:g} .. {parameter.upper:g}{unit}",
-        )
-    side, end = ("most", interval[1]) if is_low else ("least", interval[0])
-    bound = parameter.lower if is_low else parameter.upper
-    if math.isclose(end, bound, rel_tol=1e-3):
-        return Remark(
-            "at-bound",
-            f"{key} is at its bound {bound:g}{unit}: the model may be wrong, or the bound too "
-            "tight",
-        )
-    words = (
-        f"{key} is at {side} {end:.3g}{unit}, and the recording does not tell more: "
-        f"its interval reaches the bound {bound:g}{unit}"
-    )
-    low, high = parameter.usual
-    # A lead or lag that is next to none is no wonder; one beyond all that is published is.
-    strange = end > high if is_high else end < low and parameter.unit != "s"
-    if not strange or parameter.linear:
-        return Remark("interval-at-bound", words)
-    words += f"; {low:g} .. {high:g}{unit} are published, so it may stand for something else"
-    return Remark("interval-at-bound", words, "doubt")
+        unit, (least, most) = f" {p.unit}" if p.unit else "", p.usual
+        if is_low[i] and is_high[i]:
+            notes.append(f"{p.key} may have any value from {p.lower:g} to {p.upper:g}{unit}")
+        elif is_low[i] or is_high[i]:
+            side, end, bound = ("most", high, p.lower) if is_low[i] else ("least", low, p.upper)
+            words = f"{p.key} is at {side} {end:.3g}{unit}"
+            # A lead or lag that is next to none is no wonder; one beyond all that is published is.
+            strange = end > most if is_high[i] else end < least and p.unit != "s"
+            if math.isclose(end, bound, rel_tol=1e-3):
+                doubts.append(f"{p.key} is at its bound {bound:g}{unit}")
+            elif strange and not p.linear:
+                doubts.append(f"{words}, and {least:g} .. {most:g} are published")
+            else:
+                notes.append(words)
+        elif p.positive and spans_decade(low, high):
+            notes.append(f"{p.key} is {low:.2g} .. {high:.2g}{unit}")
+    if doubts:
+        why = "the model may be wrong, or a bound too tight"
+        yield Remark("not-determined", f"{'; '.join(doubts)}: {why}", "doubt")
+    if notes:
+        yield Remark("not-determined", f"{'; '.join(notes)}: the recording does not tell more")

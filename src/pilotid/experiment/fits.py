@@ -125,7 +125,7 @@ def lines_shared(recording: Recording) -> Remark | None:
     if len(lines) < 2 or not np.intersect1d(lines["ft"], lines["fd"]).size:
         return None
     return Remark(
-        "shared-lines",
+        "inseparable",
         "ft and fd have lines in common, so that variances of e, u and x are not split into the "
         "answers to each and remnant",
     )

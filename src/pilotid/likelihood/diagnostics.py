@@ -250,10 +250,9 @@ def fit_remarks(
     errors = optimum.tested_rows[-1]
     remarks = [
         _not_closed(optimum, recording) if asked_for_band else None,
-        _dispersed(optimum.dispersion),
         _held(recording),
         _changed(optimum) or gains_change(optimum, recording),
-        uneven(errors),
+        _dispersed(optimum.dispersion),
         _drifting(optimum),
         coloured(errors, optimum.joint.prediction.band_terms),
         _answered_at_once(recording, optimum.joint.prediction.model),
@@ -268,7 +267,7 @@ def _not_closed(optimum: Optimum, recording: Recording) -> Remark | None:
     weighting, model = optimum.joint.prediction.weighting, optimum.joint.prediction.model
     if weighting is not None and weighting.hidden:
         return Remark(
-            "hidden-signal",
+            "motionless",
             "what the pilot acts on (e, x) hardly stands above the noise of the recorder at any "
             "frequency: the values mean little; record these signals with less noise or more bits",
         )
@@ -295,10 +294,11 @@ def _dispersed(dispersion: float) -> Remark | None:
     if dispersion <= 1.0:
         return None
     return Remark(
-        "overdispersed",
+        "pilot-changes",
         f"estimates of segments of {ESTIMATE.segment:g} s scatter {dispersion**0.5:.2g} times as "
         "much as their errors say: the pilot wanders or the model lacks something; standard errors "
         "and intervals are widened by that factor",
+        "note",
     )
 
 
@@ -339,7 +339,7 @@ def _competing(optimum: Optimum) -> Remark | None:
     other = optimum.competing[int(np.argmax(apart.max(axis=1)))]
     words = ", ".join(f"{key} {value:.3g}" for key, value in zip(model.keys, other, strict=True))
     return Remark(
-        "competing-optimum",
+        "inseparable",
         f"another optimum is as likely: {words}; the intervals hold both; fix a parameter (--fix), "
         "or choose a simpler model",
     )
@@ -383,7 +383,7 @@ def gains_change(optimum: Optimum, recording: Recording) -> Remark | None:
     keys = [prediction.model.keys[i] for i in varying]
     steps = [f"{key} by {100.0 * share:+.0f} %" for key, share in zip(keys, shares, strict=True)]
     return Remark(
-        "gains-change",
+        "pilot-changes",
         f"{' and '.join(keys)} change during the recording, mainly about t = {time:.0f} "
         f"s ({', '.join(steps)}; score test, chi-square {best.statistic:.0f} on {len(keys)} df), "
         "or the model lacks a channel or a lag; fit segments (--span), or --model adapting",
@@ -406,23 +406,11 @@ def _changed(optimum: Optimum) -> Remark | None:
     if model.changes:
         remedy = "the pilot changes in another way than the model says"
     return Remark(
-        "halves-differ",
+        "pilot-changes",
         f"the two halves of the recording differ by about {100.0 * share:.0f} % of the control "
         f"(score test, chi-square {statistic:.0f} on {freedom} df): the pilot or the recorder "
         f"changed, and the estimates are averages; {remedy}",
         "note" if share < ESTIMATE.changes_by else "doubt",
-    )
-
-
-def uneven(errors: FloatArray) -> Remark | None:
-    """A remark that the variance of prediction errors (runs, samples) changes."""
-    ratio, deviations = ratio_of_halves(errors)
-    if deviations**2 <= chi_squared_limit(1, ESTIMATE.seldom):
-        return None
-    return Remark(
-        "residual-variance-changes",
-        f"the prediction errors of the second half have {ratio:.2g} times the variance of those of "
-        "the first: the remnant or the pilot changed; fit each half (--span)",
     )
 
 
@@ -432,7 +420,7 @@ def _drifting(optimum: Optimum) -> Remark | None:
         return None
     run = int(np.argmax(np.abs(drifts)))
     return Remark(
-        "residual-drift",
+        "drift",
         f"u drifts by about {drifts[run]:.2g} over run {run + 1} (chi-square "
         f"{statistic:.0f} on {drifts.size} df), which biases gain and lead: take it out with "
         "--detrend",
@@ -482,29 +470,6 @@ def portmanteau(errors: FloatArray, weights: FloatArray, lags: int) -> tuple[flo
     kept = size > ESTIMATE.independent * size[-1]
     along = directions[:, kept].T @ (cosines @ excess)
     return float(np.sum(along**2 / size[kept])), int(np.count_nonzero(kept))
-
-
-def ratio_of_halves(errors: FloatArray) -> tuple[float, float]:
-    """How much larger the variance of prediction errors is in the second half.
-
-    Parameters
-    ----------
-    errors
-        Prediction errors, shape (runs, samples).
-
-    Returns
-    -------
-    ratio, deviations
-        Variance of the second half over that of the first, and its logarithm in standard
-        deviations, which the errors' own kurtosis gives.
-    """
-    half = errors.shape[1] // 2
-    first, second = errors[:, :half] ** 2, errors[:, half:] ** 2
-    ratio = float(np.mean(second) / np.mean(first))
-    square = errors**2
-    spread = float(np.var(square) / np.mean(square) ** 2)  # 2 for a normal distribution
-    deviation = math.sqrt(spread * (1.0 / first.size + 1.0 / second.size))
-    return ratio, math.log(ratio) / deviation
 
 
 def may_vary(model: PilotModel) -> list[int]:

@@ -50,7 +50,7 @@ def whole_periods(recording: Recording) -> Recording:
     except (NotMultisineError, InputError):
         return recording
     note = Remark(
-        "whole-periods",
+        "preprocessed",
         f"the window is {start:.4g} to {end:.4g} s of {recording.duration:.4g} s: {count} x "
         f"{period * recording.dt:.4g} s, whole periods of the forcing functions; what lies before "
         "is run-in (--span chooses another)",

@@ -121,7 +121,6 @@ class EstimateLimits(NamedTuple):
     vague: float = 0.25  # standard error over value of a parameter that is poorly identified
     shortest_delay: float = 0.1  # s, of people who track
     wide: float = 10.0  # ratio of the ends of an interval: the order of magnitude is told at most
-    asymmetric: float = 3.0  # how much longer one side is, on the scale of the search
     #: Correlation from which two parameters count as one: to know the other divides a variance by
     #: 10, at which regressors are called collinear (Marquardt, Technometrics 12, 1970).
     collinear: float = math.sqrt(0.9)
