@@ -11,13 +11,11 @@ from pandas import DataFrame, concat
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.estimate import Outcome, failed
-from pilotid.estimate.method import identify
 from pilotid.experiment.fits import predict_left_out
 from pilotid.experiment.report import ranked
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.recording.recording import Recording
 from pilotid.recording.windows import of_runs
-from pilotid.support.numbers import fit_rng
 
 SINGLE = SCENARIOS["single"]
 
@@ -30,7 +28,6 @@ def recording() -> Recording:
 
 def rows(method: str, likelihoods: list[float], vaf: float = 80.0) -> DataFrame:
     known: dict[str, object] = {"file": "a", "run": [1, 2, 3], "model": "single", "method": method}
-    known |= {"halves_percent": [2.0, math.nan, math.nan], "halves_z": [1.0, math.nan, math.nan]}
     return DataFrame({**known, "vaf": vaf, "log_likelihood": likelihoods})
 
 
@@ -62,20 +59,6 @@ def test_every_run_is_predicted_by_the_others(recording: Recording) -> None:
     vaf = found["vaf"]
     assert isinstance(vaf, float)
     assert 40.0 < vaf < 100.0
-    assert "halves_z" not in found  # a matter of the first run
-
-
-@pytest.mark.numerical
-def test_halves_of_the_runs_are_held_against_each_other(recording: Recording) -> None:
-    (found,) = predict_left_out(recording, SINGLE.model, {"mine": MLEWhite()}, 1, 1)
-    odd, even = (
-        identify(MLEWhite(), of_runs(recording, runs, ""), SINGLE.model, fit_rng(1, "mine"))
-        for runs in ([1, 3], [2, 4])
-    )
-    percent = np.median(np.abs(odd.values - even.values) / (0.5 * (odd.values + even.values)))
-    assert found["halves_percent"] == pytest.approx(100.0 * percent)
-    squares = (odd.values - even.values) ** 2 / (odd.std_error**2 + even.std_error**2)
-    assert found["halves_z"] == pytest.approx(math.sqrt(np.mean(squares)))
 
 
 def test_methods_are_ranked_by_pairs_of_runs() -> None:
@@ -87,7 +70,6 @@ def test_methods_are_ranked_by_pairs_of_runs() -> None:
     assert [*found["failed"]] == [0, 0, 3]
     good, bad, lost = found.itertuples()
     assert (good.behind, good.vaf_mean) == (0.0, 80.0)
-    assert (good.halves_percent, good.halves_z) == (2.0, 1.0)
     assert (bad.behind, bad.behind_error) == pytest.approx((-5.0, 1.0 / math.sqrt(3.0)))
     assert math.isnan(lost.behind)
 

@@ -301,9 +301,7 @@ def predict_left_out(
     model, methods, seed
         What is fitted, methods by their labels.
     run
-        The run that is left out, from 1.  Rows of the first have how far the fits of the odd and
-        of the even runs are apart: the median over parameters in % of their mean, and the root
-        mean square in the errors that both claim, which is 1 where these are right.
+        The run that is left out, from 1.
     """
     every = range(1, recording.runs + 1)
     others = of_runs(recording, [other for other in every if other != run], f"without run {run}")
@@ -313,27 +311,9 @@ def predict_left_out(
         estimate = identify(method, others, model, fit_rng(seed, label))
         score = estimate.score(left, others) if estimate.outcome.usable else None
         numbers = (score.vaf, score.log_score) if score else (math.nan, math.nan)
-        halves = _halves(recording, model, method, label, seed) if run == 1 else ()
-        row = (model.name, label, estimate.outcome.slug, *numbers, estimate.seconds, *halves)
-        rows.append(dict(zip(LEFT_OUT_COLUMNS[1:], row, strict=False)))
+        row = (model.name, label, estimate.outcome.slug, *numbers, estimate.seconds)
+        rows.append(dict(zip(LEFT_OUT_COLUMNS[1:], row, strict=True)))
     return rows
-
-
-def _halves(
-    recording: Recording, model: PilotModel, method: Method, label: str, seed: int
-) -> tuple[float, ...]:
-    """How far the fits of odd and even runs are apart, in % of their mean and in claimed errors."""
-    first, second = (
-        identify(method, of_runs(recording, runs, "half of the runs"), model, fit_rng(seed, label))
-        for runs in (range(1, recording.runs + 1, 2), range(2, recording.runs + 1, 2))
-    )
-    if not (first.outcome.usable and second.outcome.usable):
-        return ()
-    difference, size = first.values - second.values, np.abs(first.values + second.values)
-    error = np.hypot(first.std_error, second.std_error)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        percent = 200.0 * np.median(np.abs(difference) / size)
-        return float(percent), float(np.sqrt(np.mean((difference / error) ** 2)))
 
 
 def _responses(recording: Recording, model: PilotModel) -> list[Content]:

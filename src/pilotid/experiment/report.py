@@ -49,7 +49,6 @@ FORMS: Mapping[str, Callable[..., str]] = {
     **dict.fromkeys(("subjects", "freedom", "df1", "df2", "runs", "failed"), "{:.0f}".format),
     **dict.fromkeys(("p", "p_holm", "wilcoxon_p", "p_corrected"), p_value),
     **dict.fromkeys(("F", "epsilon", "eta_squared", "effect_size", "vaf"), number),
-    **dict.fromkeys(("halves_percent", "halves_z"), number),
     **dict.fromkeys(("difference", "interval_95", "robust_difference", "vaf_mean", "behind"), str),
     "t": "{:.2f}".format,
     "spread": percent,
@@ -69,9 +68,7 @@ EFFECTS = (
     *("method", "parameter", "effect", "subjects", "F", "df1", "df2", "epsilon", "p_corrected"),
     "eta_squared",
 )
-PREDICTED = (
-    *("model", "method", "runs", "failed", "vaf_mean", "behind", "halves_percent", "halves_z"),
-)
+PREDICTED = ("model", "method", "runs", "failed", "vaf_mean", "behind")
 
 
 # ---------------------------------------------------------------------------------- tables
@@ -188,17 +185,16 @@ def ranked(left: DataFrame) -> DataFrame:
     DataFrame
         By model and method ``runs`` and ``failed`` fits; ``vaf_mean`` and ``behind``, the mean
         log-likelihood of a run less that of the best, over the runs that all predict, each with its
-        standard error; and the medians over recordings of how far halves are apart.
+        standard error.
     """
     ways = ["model", "method"]
     table = left.pivot(index=["file", "run"], columns=ways, values="log_likelihood").astype(float)
     able = table[table.columns[2 * table.count() >= len(table)]].dropna()
     apart = able.sub(able[able.sum().idxmax()], axis=0) if able.size else able
-    groups = left.groupby(ways, sort=False)
-    vaf, halves = groups["vaf"], groups[["halves_percent", "halves_z"]].median()
+    vaf = left.groupby(ways, sort=False)["vaf"]
     return (
-        halves.assign(runs=vaf.size(), failed=vaf.size() - vaf.count())
-        .assign(vaf_mean=vaf.mean(), vaf_error=vaf.sem())
+        vaf.agg(runs="size", vaf_mean="mean", vaf_error="sem")
+        .assign(failed=vaf.size() - vaf.count())
         .assign(behind=apart.mean(), behind_error=apart.sem().where(apart.mean() < 0.0))
         .sort_values("behind", ascending=False, na_position="last")
         .reset_index()

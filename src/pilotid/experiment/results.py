@@ -29,10 +29,7 @@ if TYPE_CHECKING:
 MEASURED, LOOP, PARAMETER = KINDS = ("measured", "loop", "parameter")
 #: Why a value enters no mean, test or figure; empty if it does.
 LEFT_OUT = "left_out"
-LEFT_OUT_COLUMNS = (
-    *("run", "model", "method", "outcome", "vaf", "log_likelihood", "seconds"),
-    *("halves_percent", "halves_z"),
-)
+LEFT_OUT_COLUMNS = ("run", "model", "method", "outcome", "vaf", "log_likelihood", "seconds")
 #: Recordings for which one model is chosen, or conditions that are compared.
 Group = tuple[str, ...]
 #: By stratum and conditions, the models in which these are compared, by condition, and whether
