@@ -6,12 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL
+from helpers import NOMINAL, recording_of
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.estimate import Outcome, at_bounds
 from pilotid.likelihood.optimum import Optimum
-from pilotid.likelihood.profile import off_bounds, profile_about
+from pilotid.likelihood.profile import (
+    off_bounds,
+    profile_about,
+    profile_likelihood,
+    with_profile,
+)
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods.mle import MLE
 from pilotid.model.factors import Parameter
@@ -120,13 +125,27 @@ def test_intervals_hold_the_other_summits_that_the_search_came_upon() -> None:
     delays = [scenario.model.keys.index(key) for key in ("tdvis", "tdvest")]
     truth = scenario.values[delays]
     assert (np.abs(found.pilot[delays] - truth) > 0.05).all()  # .25 and .36 s for .33 and .29 s
-    own = intervals_of(replace(found, competing=()))[delays]
+    own = intervals_of(replace(found, others=()))[delays]
     assert not ((own[:, 0] < truth) & (truth < own[:, 1])).any()
-    both = intervals_of(replace(found, competing=[scenario.values]))[delays]
+    both = intervals_of(replace(found, others=[(scenario.values, found.criterion)]))[delays]
     assert ((both[:, 0] < truth) & (truth < both[:, 1])).all()
     assert ((both[:, 0] < own[:, 0] + 0.01) & (own[:, 1] - 0.01 < both[:, 1])).all()
     # The search comes upon it of itself, too.
     assert any(np.abs(pilot[delays] - truth).max() < 0.03 for pilot in found.competing)
+
+
+def test_what_is_as_likely_beside_another_remnant_is_in_the_intervals_and_nothing_else() -> None:
+    recording = recording_of(NOMINAL)
+    found = maximise_likelihood(recording, NOMINAL.model, np.random.default_rng(1), MLE())
+    optimum, profile = profile_likelihood(found)
+    assert profile is not None
+    far = 0.5 * optimum.pilot
+    estimate = MLE().fit(recording, NOMINAL.model, np.random.default_rng(1))
+    for behind, told in ((3.0, True), (6.0, False)):
+        other = replace(optimum, others=[(far, optimum.criterion + behind)])
+        assert len(other.competing) == told
+        low, high = with_profile(estimate, other, profile).intervals.T
+        assert ((low <= far) & (far <= high)).all() == told
 
 
 def intervals_of(found: Optimum) -> FloatArray:

@@ -90,6 +90,10 @@ class PilotCheck:
         return np.flatnonzero(kept if kept.any() else ~kept)
 
 
+#: Statistics: by which another optimum's criterion may be higher to compete: more than the 3.84 of
+#: an interval's end.
+COMPETING_CRITERION = 5.0
+
 #: What is told of a search from one start.
 ONE_START = Starts(cost=np.ones(1), agreeing=1)
 
@@ -112,8 +116,9 @@ class Optimum:
         Tells whether parameters simulate the control, where that was asked.
     lines_pilot
         The pilot that the forcing functions' lines show, of shape (parameters,), if they do.
-    competing
-        Pilots of other optima that are as likely, each of shape (parameters,).
+    others
+        Pilots of other optima that were about as likely, each of shape (parameters,), and their
+        criteria.
     """
 
     joint: Likelihood
@@ -122,7 +127,13 @@ class Optimum:
     iterations: int = 0
     check: PilotCheck | None = None
     lines_pilot: Sequence[FloatArray] = ()
-    competing: Sequence[FloatArray] = ()
+    others: Sequence[tuple[FloatArray, float]] = ()
+
+    @property
+    def competing(self) -> list[FloatArray]:
+        """Pilots of other optima that are as likely, each of shape (parameters,)."""
+        highest = self.criterion + COMPETING_CRITERION
+        return [pilot for pilot, criterion in self.others if criterion < highest]
 
     @property
     def values(self) -> FloatArray:

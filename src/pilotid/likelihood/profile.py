@@ -71,6 +71,9 @@ def with_profile(estimate: Estimate, optimum: Optimum, profile: Profile) -> Esti
     """
     sought, covariance = deviances(optimum), estimate.covariance
     intervals = over_systems(optimum, profile.intervals)
+    # With another model of the remnant, too, a pilot may be as likely.
+    every = np.array([*intervals.T, *optimum.competing])
+    intervals = np.stack([every.min(axis=0), every.max(axis=0)], axis=1)
     # The length of an interval tells the scatter of skewed estimates; the likelihood's
     # curvature at its maximum, from which the covariance is, only the middle of it.
     length = np.diff(intervals, axis=1)[:, 0]

@@ -29,6 +29,7 @@ from pilotid.likelihood.band_likelihood import weighting_of
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import (
     COMPARED_TOLERANCE,
+    COMPETING_CRITERION,
     REPORTED_TOLERANCE,
     SAME_OPTIMUM_DISTANCE,
     Optimum,
@@ -70,9 +71,6 @@ MAX_LOST_INFORMATION = 0.1
 #: Tuned: by which the criterion may be higher of a candidate on a first look, and of a remnant's
 #: model beside what a first pilot leaves (populations).
 LOOK_CRITERION = 20.0
-#: Statistics: by which another optimum's criterion may be higher to compete: more than the 3.84 of
-#: an interval's end.
-COMPETING_CRITERION = 5.0
 
 
 @dataclass(frozen=True)
@@ -133,7 +131,7 @@ def maximise_likelihood(
     pilots = [*candidates, *lines]
     choices = [RemnantChoice(prediction, pilot, settings.noise, check) for pilot in pilots]
     fits = [choice.full_fit() for choice in _likely(choices)]
-    best, competing = _best_and_competing(fits)
+    best, others = _best_and_others(fits)
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
     for _ in range(4):
         before, terms = terms, whole.noticeable_terms(best.pilot, best.whitener)
@@ -145,7 +143,7 @@ def maximise_likelihood(
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
         best = best.restarted_at(np.concatenate([ordered, best.values[len(ordered) :]]))
-    return replace(best, starts=starts, lines_pilot=[*lines], competing=competing)
+    return replace(best, starts=starts, lines_pilot=[*lines], others=others)
 
 
 def maxima_from(
@@ -537,22 +535,24 @@ def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     return [choices[group[0]] for group in met]
 
 
-def _best_and_competing(tried: Sequence[Optimum]) -> tuple[Optimum, list[FloatArray]]:
-    """The best optimum that simulates the control, and pilots of those that are as likely."""
+def _best_and_others(
+    tried: Sequence[Optimum],
+) -> tuple[Optimum, list[tuple[FloatArray, float]]]:
+    """The best optimum that simulates the control, and the others that are as likely."""
     passed = [each for each in tried if each.is_pilot] or list(tried)
     lowest = min(each.criterion for each in passed)
     # What is far behind where fits are compared does not compete.
     far = lowest + 2.0 * COMPETING_CRITERION
     passed = [each.refined() for each in passed if not each.criterion > far]
     best = min(passed, key=lambda each: each.criterion)
-    reached, competing = [best.criterion], []
+    reached, others = [best.criterion], []
     for other in passed:
         criterion = other.criterion
         apart = min(abs(criterion - known) for known in reached)
         if criterion < reached[0] + COMPETING_CRITERION and apart > 0.01:
             reached.append(criterion)
-            competing.append(other.pilot)
-    return best, competing
+            others.append((other.pilot, criterion))
+    return best, others
 
 
 def _with_change_elsewhere(optimum: Optimum) -> Optimum:
