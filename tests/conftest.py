@@ -16,13 +16,13 @@ from pilotid.cli.main import main
 def everyday(pytestconfig: pytest.Config) -> Iterator[None]:
     """Everyday tests write empty files of figures as PDF, most of whose time goes into fonts.
 
-    Tests that look at them take `pilotid.report.page.pdf` itself, or are long.  Tables
+    Tests that look at them take `pilotid.plots.page.pdf` itself, or are long.  Tables
     are as wide as where nobody says how wide a terminal is; workers of pytest-xdist are told.
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("COLUMNS", raising=False)
         if pytestconfig.getoption("markexpr") == "not long":
-            patch.setattr("pilotid.report.page.pdf", lambda drawing: b"%PDF-")
+            patch.setattr("pilotid.plots.page.pdf", lambda drawing: b"%PDF-")
         yield
 
 

@@ -67,11 +67,6 @@ DEEDS: dict[str, Callable[[], None]] = {
         shout,
     )
 }
-ANSWERS = (
-    *("good", "nothing", "nan", "infinite", "complex", "words", "short", "flat", "listed"),
-    *("negative", "reversed", "signs"),
-)
-HOWS = (*DEEDS, *ANSWERS, "objection", "scribble")
 
 
 def _answers(good: Estimate) -> dict[str, Any]:
@@ -82,11 +77,9 @@ def _answers(good: Estimate) -> dict[str, Any]:
         "nothing": None,
         "nan": replace(good, values=np.nan * values),
         "infinite": replace(good, covariance=np.full_like(covariance, np.inf)),
-        "complex": replace(good, values=values + 0j),
         "words": replace(good, values=values.astype(str)),
         "short": replace(good, values=values[:-1]),
         "flat": replace(good, intervals=good.intervals.ravel()),
-        "listed": replace(good, values=values.tolist()),
         "negative": replace(good, covariance=-covariance),
         "reversed": replace(good, intervals=good.intervals[:, ::-1]),
         "signs": replace(good, message="a\udcffb\n\x1b[31mc\0"),
@@ -111,9 +104,6 @@ class Hostile:
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Any:
         if self.how in DEEDS:
             DEEDS[self.how]()
-        if self.how == "scribble":
-            recording.u.flags.writeable = True
-            recording.u[:] *= 2.0
         values = model.start.copy()
         good = Estimate(
             self.name,

@@ -143,11 +143,6 @@ PLANTED: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
         "wrong-sign",
         "run 3",
     ),
-    "sign of x in one run": (
-        lambda r: in_one_run(r, lambda r: replace(r, x=-r.x)),
-        "wrong-sign",
-        "run 3",
-    ),
     "two runs appended": (appended, "lost-samples", "x"),
     "u in steps of 64 % of its rms": (stepped, "rounded", "u"),
     "fd in radians": (lambda r: replace(r, fd=np.deg2rad(r.fd)), "wrong-unit", "radians"),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from pilotid.study.table import OF_METHODS, OF_SCENARIOS, Comparison, Entry, Fit, Store, frame_of
+from pilotid.study.table import Comparison, Entry, Fit, Store, frame_of
 from pilotid.support.store import Key
 
 KEYS = ("Kvis", "tlead", "tdvis", "fnm", "zetanm")
@@ -67,21 +67,3 @@ def comparison(fits: Iterable[Fit], *, population: bool = False) -> Comparison:
     own = {name: Entry(name, 0, {}, population=population) for name in frame.scenario.unique()}
     methods = {name: Entry(name, 0, {}) for name in frame.method.unique()}
     return Comparison(frame, own, methods, {}, Path())
-
-
-@dataclass(frozen=True)
-class Content:
-    """All that a report is made of."""
-
-    about: dict[str, str]
-    scenarios: dict[str, Entry]
-    methods: dict[str, Entry]
-    fits: dict[Key, Fit]
-
-
-def content_of(store: Store) -> Content:
-    """What a store holds; its scores can be computed."""
-    found = store.comparison()
-    assert set(found.scores.parameter) <= {*KEYS, "all", ""}
-    fits = {fit.key: fit for fit in store.fits()}
-    return Content(store.about(), store.entries(OF_SCENARIOS), store.entries(OF_METHODS), fits)

@@ -121,19 +121,6 @@ def test_every_run_is_predicted_by_the_fit_of_the_others(analysed: Path) -> None
     assert all(r["log_likelihood"] and r["outcome"] for r in rows)
 
 
-@pytest.mark.numerical
-@pytest.mark.long
-def test_models_say_which_was_chosen_and_why(analysed: Path) -> None:
-    rows = table(analysed / "models.csv")
-    chosen = {(r["condition"], r["model"]) for r in rows if r["chosen"] == "yes"}
-    assert chosen == {("A", "single"), ("B", "lead-lag")}
-    for row in rows:
-        assert not row["aicc"] or float(row["aicc"]) > -2.0 * float(row["log_likelihood"])
-        assert float(row["chi_squared_per_freedom"]) == pytest.approx(
-            float(row["chi_squared"]) / float(row["freedom"])
-        )
-
-
 def test_a_second_call_does_nothing_again(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with sqlite3.connect(small / "out" / "study.sqlite") as base:
         assert base.execute("SELECT count(*) FROM rows").fetchone() == (2 * 4,)
@@ -188,18 +175,6 @@ def test_estimates_shift_by_few_errors_where_a_sound_pilot_is_fitted_otherwise(
     shifts = [float(cell.replace("\N{MINUS SIGN}", "-")) for cell in cells if cell[-1:].isdigit()]
     assert len(shifts) > 30
     assert np.median(np.abs(shifts)) < 1.5
-
-
-@pytest.mark.numerical
-@pytest.mark.long
-def test_pooled_and_single_runs_agree(analysed: Path) -> None:
-    """The mean of two runs lies near the fit of both."""
-    rows = [r for r in table(analysed / "estimates.csv") if r["parameter"] == "tdvis"]
-    for subject in ("1", "2"):
-        own = [r for r in rows if (r["subject"], r["condition"]) == (subject, "A")]
-        pooled = next(r for r in own if not r["run"])
-        mean = np.mean([float(r["value"]) for r in own if r["run"]])
-        assert abs(mean - float(pooled["value"])) < 3.0 * float(pooled["std_error"])
 
 
 def test_a_bad_file_is_named_and_costs_no_other(folder: Path, run: Run, tmp_path: Path) -> None:
@@ -267,24 +242,6 @@ def test_loops_are_those_of_the_simulated_element(analysed: Path) -> None:
         off = abs(float(row["value"]) - truth[row["quantity"]])
         assert off < 4.0 * float(row["std_error"]), row
         assert row["element"] == scenario.element.name
-
-
-@pytest.mark.numerical
-@pytest.mark.long
-def test_conditions_are_compared_over_subjects(analysed: Path) -> None:
-    """The contrast of two subjects is the mean of two differences, worked out here again."""
-    estimates = table(analysed / "estimates.csv")
-    values = {
-        (r["subject"], r["condition"], r["model"]): float(r["value"])
-        for r in estimates
-        if r["parameter"] == "tdvis" and not r["run"]
-    }
-    row = next(r for r in table(analysed / "contrasts.csv") if r["parameter"] == "tdvis")
-    a, b = ("A", row["model_a"]), ("B", row["model_b"])
-    differences = [values[s, *b] - values[s, *a] for s in ("1", "2")]
-    assert a[1] == b[1]  # the lag is estimated in both, or in none
-    assert float(row["difference"]) == pytest.approx(np.mean(differences))
-    assert float(row["std_error"]) == pytest.approx(np.std(differences, ddof=1) / np.sqrt(2.0))
 
 
 @pytest.mark.long

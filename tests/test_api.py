@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ import pilotid
 from pilotid import ARX, MLE, MODELS, MLEWhite, Outcome, Study, identify, simulate
 from pilotid.estimate.method import fit_all
 from pilotid.methods import METHODS
+from pilotid.model.channel import Channel
 from pilotid.study.table import read_study
+from pilotid.support.types import InputError
 
 RECORDING = simulate("nominal", 3)
 
@@ -81,3 +84,23 @@ def test_what_a_method_raises_is_an_outcome_and_its_traceback_comes_if_asked(
     monkeypatch.setenv("PILOTID_TRACEBACK", "1")
     identify(Raising(), RECORDING, "single")
     assert 'raise ZeroDivisionError("no such luck")' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: pilotid.design(minimise="foo"),
+        lambda: pilotid.compare(["single"], ["mle-white"], 0, out="c"),
+        lambda: pilotid.compare(["single"], ["mle-white"], 1, workers=0, out="c"),
+        lambda: pilotid.identify("mle-white", RECORDING, "single", -1),
+        lambda: pilotid.identify("mle-white", RECORDING, "single", "a"),  # type: ignore[arg-type]
+        lambda: pilotid.identify("mle-white", 3, "single"),  # type: ignore[arg-type]
+        lambda: pilotid.identify("mle-white", RECORDING, 3),  # type: ignore[arg-type]
+        lambda: pilotid.simulate(3),  # type: ignore[arg-type]
+        lambda: Channel("v", "error", 1, ()),
+    ],
+)
+def test_python_is_as_careful(call: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError):
+        call()

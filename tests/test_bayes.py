@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -56,14 +57,6 @@ def sets_of(noise: NoiseModel, count: int) -> FloatArray:
 
 
 # ------------------------------------------------------------------------------- likelihood
-
-
-def test_residuals_are_those_of_the_prediction() -> None:
-    values = sets_of(LowPass(0), 9)
-    prediction = predict(RECORDING, MULTI, 50.0)
-    expected = prediction.row_spectra(values)[:, -1]
-    found = prediction.residual_spectra(values)
-    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("noise", [LowPass(2), Autoregressive(4)], ids=lambda n: n.name)
@@ -198,6 +191,7 @@ def test_priors_may_be_replaced_by_distributions_of_scipy() -> None:
 # ------------------------------------------------------------------------------------ draws
 
 
+@cache
 def fit(method: Bayes) -> Estimate:
     return identify(method, RECORDING, MULTI, np.random.default_rng(3))
 
@@ -205,27 +199,6 @@ def fit(method: Bayes) -> Estimate:
 def drawn(estimate: Estimate) -> Draws:
     assert estimate.draws is not None, estimate.sentence
     return estimate.draws
-
-
-def test_the_same_generator_gives_the_same_draws() -> None:
-    runs = [identify(Bayes(), SIMPLE, SINGLE, np.random.default_rng(4)) for _ in range(2)]
-    first, second = (drawn(run).values.tobytes() for run in runs)
-    assert first == second
-    other = identify(Bayes(), SIMPLE, SINGLE, np.random.default_rng(5))
-    assert drawn(other).values.tobytes() != first
-
-
-@pytest.mark.long
-def test_a_long_run_finds_what_a_usual_one_does() -> None:
-    quick, slow = fit(Bayes()), fit(Bayes(effective=5000.0))
-    assert quick.outcome is slow.outcome is Outcome.CONVERGED
-    assert (drawn(slow).r_hat <= 1.01).all()
-    assert drawn(quick).effective.min() >= 400.0
-    apart = np.abs(slow.values - quick.values) / slow.std_error
-    assert (apart < 4.0 * np.sqrt(1.0 / 400.0 + 1.0 / 5000.0)).all()
-    # The kurtosis of none is above 4.
-    ratio = quick.std_error / slow.std_error
-    np.testing.assert_allclose(ratio, 1.0, atol=4.0 * np.sqrt(3.0 / (4.0 * 400.0)))
 
 
 @pytest.mark.parametrize(

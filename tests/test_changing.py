@@ -10,7 +10,6 @@ from helpers import recording_of, without_remnant
 
 from pilotid.datasets import SCENARIOS, Scenario, experiments, simulate
 from pilotid.datasets.experiments import bound_of
-from pilotid.datasets.named import scenario_named
 from pilotid.datasets.simulation import linear_rms, remnant_ratio
 from pilotid.datasets.stepping import stepped
 from pilotid.estimate.estimate import Estimate, Outcome
@@ -27,10 +26,7 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import ADAPTING, SINGLE, fault_of
 from pilotid.model.channel import Changing
 from pilotid.model.factors import Delay, Differentiator, Gain, Lead, Neuromuscular
-from pilotid.model.model import (
-    Channel,
-    PilotModel,
-)
+from pilotid.model.model import Channel, PilotModel
 from pilotid.solve.least_squares import Box, minimise
 from pilotid.study.run import truths_of
 from pilotid.support.numbers import fit_rng, recording_rng
@@ -117,34 +113,29 @@ def test_a_change_by_nothing_is_the_constant_model(band: float | None) -> None:
     assert np.std(found - left) < 5e-4 * np.std(expected.control - left)
 
 
-@pytest.mark.parametrize("band", [None, 50.0])
-def test_the_jacobian_is_that_of_finite_differences(band: float | None) -> None:
-    prediction = predict(simulate(replace(SLOW, runs=2), np.random.default_rng(1)), ADAPTING, band)
-    rows = prediction.samples_of(prediction.row_spectra(SETS))
-    for values, own in zip(SETS, rows, strict=True):
+@pytest.mark.parametrize(
+    ("scenario", "model", "sets", "band", "within"),
+    [
+        (replace(SLOW, runs=2), ADAPTING, SETS, None, 1e-5),
+        (replace(SLOW, runs=2), ADAPTING, SETS, 50.0, 1e-5),
+        (SCENARIOS["nominal"], OWN, OWN.start[None], 50.0, 1e-4),
+    ],
+)
+def test_the_jacobian_is_that_of_finite_differences(
+    scenario: Scenario, model: PilotModel, sets: FloatArray, band: float | None, within: float
+) -> None:
+    prediction = predict(simulate(scenario, np.random.default_rng(1)), model, band)
+    rows = prediction.samples_of(prediction.row_spectra(sets))
+    for values, own in zip(sets, rows, strict=True):
         for i, slope in enumerate(own[:-1]):
-            step = 1e-6 * values[i] * np.eye(len(values))[i]
+            step = 1e-6 * max(values[i], 0.01) * np.eye(len(values))[i]
             ends = prediction.samples_of(
                 prediction.row_spectra(np.array([values - step, values + step]))
             )[:, -1]
             found = (ends[0] - ends[1]) / (2.0 * step[i])
-            assert np.max(np.abs(found - slope)) < 1e-5 * np.max(np.abs(slope)), ADAPTING.keys[i]
-
-
-def test_a_model_of_ones_own_has_its_jacobian_too() -> None:
-    recording = recording_of(SCENARIOS["nominal"])
-    prediction = predict(recording, OWN, 50.0)
-    values = OWN.start
-    own = prediction.samples_of(prediction.row_spectra(values[None]))[0]
-    for i, slope in enumerate(own[:-1]):
-        step = 1e-6 * max(values[i], 0.1) * np.eye(len(values))[i]
-        ends = prediction.samples_of(
-            prediction.row_spectra(np.array([values - step, values + step]))
-        )[:, -1]
-        found = (ends[0] - ends[1]) / (2.0 * step[i])
-        # The lead does not change at the start: nothing depends on when.
-        size = max(float(np.max(np.abs(slope))), 1e-6)
-        assert np.max(np.abs(found - slope)) < 1e-4 * size, OWN.keys[i]
+            # OWN's lead does not change at the start: nothing depends on when.
+            size = max(float(np.max(np.abs(slope))), 1e-6)
+            assert np.max(np.abs(found - slope)) < within * size, model.keys[i]
 
 
 def test_all_ways_to_the_residual_agree() -> None:
@@ -225,15 +216,6 @@ def test_the_remnant_has_the_share_of_the_power_that_the_scenario_says(scenario:
     forced = float(np.var(clean(scenario)[0][recording.run_in :]))
     assert forced == pytest.approx(linear_rms(without_remnant(scenario)) ** 2, rel=1e-6)
     assert recording.controlled_element == "90/(s(s+6))"
-
-
-def test_another_remnant_is_a_setting() -> None:
-    louder = scenario_named(
-        "adapting-slow(remnant=Remnant(order=1,frequency=5,level=0.25,level_is=ratio))"
-    )
-    assert isinstance(louder, Scenario)
-    assert louder.remnant == replace(SLOW.remnant, level=0.25)
-    assert remnant_ratio(louder) == pytest.approx(0.25)
 
 
 #: Bounds are kept by scenario; under this name they are from a third of the usual recordings,

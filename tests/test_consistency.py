@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, SINGLE_LOOP, fit_of, recording_of
 
-from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.estimate.estimate import Estimate, Outcome, symmetric_intervals
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.second_step import (
     MAX_MOVE,
@@ -89,11 +89,6 @@ def test_errors_hold_how_far_the_recording_moves_an_estimate() -> None:
     # The correlations that the difference has are in the covariance.
     bias = end_from(near) - near
     np.testing.assert_allclose(held.covariance - plain.covariance, np.outer(bias, bias))
-
-
-def test_a_failed_fit_stays_as_it_is() -> None:
-    before = failed("arx", SINGLE, Outcome.SINGULAR)
-    assert held_against(before) is before
 
 
 @pytest.mark.parametrize("method", [ARX(), SINDy()], ids=lambda m: m.name)

@@ -1,4 +1,4 @@
-"""The test for gains and leads that change: by hand, by chance, and on pilots."""
+"""Pilots who change: the test for gains and leads, and the scores of segments that disperse."""
 
 from __future__ import annotations
 
@@ -7,20 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, SINGLE_LOOP, recording_of
+from helpers import NOMINAL, SINGLE_LOOP, changing_half_way, recording_of
 
 from pilotid.datasets import SCENARIOS, Scenario
+from pilotid.estimate.method import identify
 from pilotid.likelihood.diagnostics import (
     PLACES,
     gains_change,
-    may_vary,
     score_of_changes,
 )
 from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
-from pilotid.model.catalogue import ADAPTING, MULTI, SINGLE
+from pilotid.methods import method_named
+from pilotid.model.catalogue import SINGLE
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
+from pilotid.solve.intervals import score_dispersion
 from pilotid.support.numbers import chi_squared_limit, chi_squared_tail
+from pilotid.support.remarks import codes_of
 from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -75,12 +78,6 @@ def test_nothing_is_told_of_parameters_that_cannot_be_told_apart() -> None:
     assert score_of_changes(rows, [0, 1], PLACES) == []
 
 
-def test_gains_and_leads_may_vary() -> None:
-    assert [MULTI.keys[i] for i in may_vary(MULTI)] == ["Kvis", "tlead", "Kvest"]
-    assert [SINGLE.keys[i] for i in may_vary(SINGLE)] == ["Kvis", "tlead"]
-    assert may_vary(ADAPTING) == []
-
-
 def told(recording: Recording, model: PilotModel) -> str:
     rng = np.random.default_rng(1)
     found = maximise_likelihood(recording, model, rng, LikelihoodSettings(wide=()))
@@ -102,3 +99,50 @@ def test_constant_pilots_are_not_said_to_change(scenario: Scenario) -> None:
     for replication in range(3):
         recording = recording_of(scenario, replication)
         assert told(recording, scenario.model) == ""
+
+
+# ------------------------------------------------------------------ scores of segments
+
+
+def rows_of(rng: np.random.Generator, wander: float = 0.0) -> np.ndarray:
+    """Jacobian and least-squares residuals of three runs, the last parameter wandering."""
+    jacobian = rng.standard_normal((4, 3, 2000))
+    slow = np.repeat(rng.standard_normal((3, 20)), 100, axis=1)
+    errors = rng.standard_normal((3, 2000)) + wander * slow * jacobian[2]
+    table = jacobian.reshape(4, -1).T
+    errors -= (table @ np.linalg.lstsq(table, errors.ravel())[0]).reshape(errors.shape)
+    return np.concatenate([jacobian, errors[None]])
+
+
+def test_it_is_chi_squared_of_constant_parameters() -> None:
+    found = [score_dispersion(rows_of(np.random.default_rng(seed)), 3, 200) for seed in range(60)]
+    statistics, freedom = np.array([s for s, _ in found]), found[0][1]
+    assert {f for _, f in found} == {3 * 30 - 3}
+    assert np.mean(statistics) == pytest.approx(freedom, abs=3.0 * (2.0 * freedom / 60) ** 0.5)
+    assert np.std(statistics) == pytest.approx((2.0 * freedom) ** 0.5, rel=0.4)
+
+
+def test_a_parameter_that_wanders_disperses_the_scores() -> None:
+    statistic, freedom = score_dispersion(rows_of(np.random.default_rng(1), 0.3), 3, 100)
+    assert statistic > chi_squared_limit(freedom, 1e-6)
+
+
+def test_parameters_without_a_slope_and_single_segments_do_not_count() -> None:
+    rows = rows_of(np.random.default_rng(2))
+    rows[1] = 0.0
+    assert score_dispersion(rows, 3, 200)[1] == 2 * 30 - 2
+    assert score_dispersion(rows[:, :1], 3, 5000) == (0.0, 0)
+
+
+def test_a_constant_pilot_is_not_dispersed_and_a_changing_one_has_wider_intervals() -> None:
+    def fit(share: float) -> tuple[np.ndarray, list[str]]:
+        shares = {"Kvest": share, "tdvis": share}
+        recording = changing_half_way(replace(NOMINAL, runs=3), shares, 4)
+        estimate = identify(method_named("mle"), recording, NOMINAL.model, np.random.default_rng(4))
+        return estimate.std_error / estimate.values, codes_of(estimate.remarks)
+
+    constant, nothing = fit(0.0)
+    changing, said = fit(0.3)
+    assert "pilot-changes" not in nothing
+    assert "pilot-changes" in said
+    assert np.median(changing / constant) > 1.2

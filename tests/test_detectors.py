@@ -91,14 +91,6 @@ def test_sound_populations_have_no_grave_findings(name: str) -> None:
         assert all(f.grade == "note" for f in findings(recording))
 
 
-def test_times_do_not_accuse_signals_whose_names_are_wrong() -> None:
-    recording = recording_of("nominal", 1)
-    from dataclasses import replace
-
-    codes = [r.code for r in remarks(replace(recording, u=-recording.u))]
-    assert codes == ["wrong-sign"]
-
-
 def test_a_shift_explains_that_the_error_is_not_target_less_output() -> None:
     codes = [r.code for r in remarks(faulty("e late a sample"))]
     assert "not-the-error" not in codes

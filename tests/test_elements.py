@@ -27,12 +27,10 @@ S = 1j * OMEGA
     ("text", "numerator", "denominator"),
     [
         ("4", (4.0,), (1.0,)),
-        ("2.5/s", (2.5,), (1.0, 0.0)),
         ("-2.5/s", (-2.5,), (1.0, 0.0)),
         ("4/s^2", (4.0,), (1.0, 0.0, 0.0)),
         (" 4 / s**2 ", (4.0,), (1.0, 0.0, 0.0)),
         ("s^-2 * 15", (15.0,), (1.0, 0.0, 0.0)),
-        ("4/s^3", (4.0,), (1.0, 0.0, 0.0, 0.0)),
         ("1.5e1/(s(s+2))", (15.0,), (1.0, 2.0, 0.0)),
         ("4/(s*(s-2))", (4.0,), (1.0, -2.0, 0.0)),
         ("10/(s*(s + .5))", (10.0,), (1.0, 0.5, 0.0)),
@@ -81,9 +79,7 @@ def test_responses_are_those_of_the_formula(text: str, response: np.ndarray) -> 
         ("0/s", "it is zero"),
         ("1e999", "a number is too large"),
         ("4/(s+2", "is missing at '(s+2'"),
-        ("s", "more zeros than poles"),
         ("4/s^2.5", "an exponent is no whole number"),
-        ("4/s^99", "no whole number up to 12"),
         ("(s+1)^12/(s+2)^12/(s+1)", "powers of s above 12"),
         ("1/(s-s)", "it divides by zero"),
         ("e^-0.1s", "'e' is no number"),
@@ -91,7 +87,6 @@ def test_responses_are_those_of_the_formula(text: str, response: np.ndarray) -> 
         ("exp(.1s)/s", "its delay is negative"),
         ("exp(-.1s)+2", "different delays"),
         ("(" * 60 + "s" + ")" * 60, "more zeros than poles"),
-        ("1+" * 200 + "1", "longer than 200 characters"),
     ],
 )
 def test_other_texts_are_refused_in_a_sentence_that_shows_where(text: str, why: str) -> None:

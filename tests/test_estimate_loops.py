@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, SINGLE_LOOP, Run, fit_of, monte_carlo, recording_of, strict
+from helpers import NOMINAL, PILOTS, SINGLE_LOOP, Run, fit_of, monte_carlo, recording_of, strict
 
 from pilotid.datasets import Scenario
 from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
@@ -47,7 +47,9 @@ def gaussian(values: FloatArray, errors: FloatArray, count: int = 400) -> FloatA
 # ------------------------------------------------------------------ to first order
 
 
-@pytest.mark.parametrize("scenario", [SINGLE_LOOP, NOMINAL], ids=lambda s: s.name)
+@pytest.mark.parametrize(
+    "scenario", [SINGLE_LOOP, NOMINAL, PILOTS["pursuit"]], ids=lambda s: s.name
+)
 def test_slopes_of_margins_are_their_differences(scenario: Scenario) -> None:
     model, values, element = scenario.model, scenario.values, scenario.element
     omega = np.geomspace(1.0, 6.0, 20_000)

@@ -44,13 +44,14 @@ def recorded(*scenarios: Scenario, seed: int = 1) -> list[Recording]:
 
 @cache
 def noise_free(name: str) -> Recording:
-    """Runs with exchanged lines, without a disturbance, and with twice the target."""
+    """Runs with exchanged lines, without a disturbance, and with twice the target, out of phase."""
     scenario = without_remnant(PILOTS[name])
     first, other = recorded(scenario, exchanged(scenario))
     (alone,) = recorded(replace(scenario, disturbance=None))
     alone = replace(alone, fd=None)
     assert scenario.target is not None
-    (louder,) = recorded(replace(scenario, target=scenario.target.scaled(2.0)))  # type: ignore[attr-defined]
+    target = scenario.target.scaled(2.0).with_random_phases(np.random.default_rng(1))  # type: ignore[attr-defined]
+    (louder,) = recorded(replace(scenario, target=target))
     return joined([first, other, alone, louder])
 
 

@@ -111,15 +111,6 @@ def test_a_parameter_without_a_bound_makes_no_method_useless() -> None:
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
-def test_an_objection_to_some_recordings_is_a_failure(study: Comparison, scenario: str) -> None:
-    picky = study.of(scenario).loc["picky"]
-    objections = study.frame.query("method == 'picky' and outcome == 'not-applicable'")
-    some = objections[objections.scenario == scenario].replication.nunique()
-    assert 0 < some < 20
-    assert (picky.not_applicable, picky.recordings, picky.failures) == (0, 20, some)
-
-
-@pytest.mark.parametrize("scenario", SCENARIOS)
 def test_values_without_errors_have_a_rank_of_their_own(study: Comparison, scenario: str) -> None:
     point = study.of(scenario).loc["point"]
     assert point.failures <= 2

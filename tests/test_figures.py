@@ -20,9 +20,9 @@ from pilotid.model.element import double_integrator
 from pilotid.model.loops import margins, open_loops
 from pilotid.model.model import PilotModel
 from pilotid.plots import plots
+from pilotid.plots.page import save_figures
 from pilotid.recording.recording import Recording
 from pilotid.report.fit import figures_of
-from pilotid.report.page import save_figures
 from pilotid.support.types import InputError
 
 ELEMENT = double_integrator(4.0)

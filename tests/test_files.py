@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +13,6 @@ import pytest
 from matlab_files import USERBLOCK, save_v73
 from scipy.io import savemat
 
-from pilotid.recording import arrays
 from pilotid.recording.files import (
     Reading,
     load_recording,
@@ -177,16 +175,9 @@ def renamed(header: str, cells: int) -> list[str]:
     return [header, *(line + ",1" * (cells - 4) for line in rows()[1:])]
 
 
-def variables(runs: int = 2) -> dict[str, FloatArray]:
-    """The variables of a good MATLAB file."""
-    rng = np.random.default_rng(8)
-    e, u, x = rng.standard_normal((3, SAMPLES, runs))
-    return {"t": np.arange(SAMPLES)[np.newaxis] * DT, "e": e, "u": u, "x": x}
-
-
 def spoilt(**changes: object) -> dict[str, object]:
     """The variables of a good file with some changed, or left out where None."""
-    content = {**variables(), **changes}
+    content = {**TWO, **changes}
     return {name: value for name, value in content.items() if value is not None}
 
 
@@ -210,14 +201,11 @@ READ: list[tuple[str, Writer, int, dict[str, Any]]] = [
     ("semicolons", written(text("t;e;u;x", ";")), 1, {}),
     ("semicolons and decimal commas", written(GERMAN), 1, {}),
     ("tabs", written(text("t\te\tu\tx", "\t"), "F.txt"), 1, {}),
-    ("tabs and decimal commas", written(text("t\te\tu\tx", "\t", decimal=","), "F.tsv"), 1, {}),
     ("spaces", written(text("t   e u  x ", "   "), "F.dat"), 1, {}),
     ("quoted decimal commas", written(QUOTED), 1, {}),
     ("row of units", written(text(under="s,deg,-,deg")), 1, {"units": UNITS}),
-    ("row of units in brackets", written(text(under="[s],[deg],[-],(deg)")), 1, {"units": UNITS}),
     ("units in names", written(text("t [s],e [deg],u (-),x[deg]")), 1, {"units": UNITS}),
     ("upper case", written(text("T,E,U,X")), 1, {}),
-    ("upper case with units", written(text("T [S],E [deg],U [-],X [deg]")), 1, {"units": UNITS}),
     ("Latin-1 units", written(text("t,e [°],u,x [°]").encode("latin-1")), 1, {"unit": "°"}),
     ("UTF-16 with mark", written(text("t\te\tu\tx", "\t").encode("utf-16")), 1, {}),
     ("sep=;", written(text("t;e;u;x", ";", before="sep=;")), 1, {}),
@@ -281,7 +269,6 @@ def test_kind_is_read(tmp_path: Path, write: Writer, runs: int, more: dict[str, 
 
 #: Name, file, and what the sentence must say.
 REFUSED: list[tuple[str, Writer, list[str]]] = [
-    ("no names", written(text().partition("\n")[2]), ["line 1"]),
     ("comments that name no columns", written(text("# pilot 3").replace("\n", "\n# t,e,u\n", 1)),
      ["line 3"]),
     ("several missing", written(text("time,err,stick,phi")),
@@ -289,20 +276,16 @@ REFUSED: list[tuple[str, Writer, list[str]]] = [
     ("no time and no rate", written(text("e,u,x", columns={k: ONE[k] for k in "eux"})),
      ["no column 't' for t (time)", "--dt 0.01"]),
     ("two units of one name", written(text("t,e [deg],e [rad],u")), ["may be e", "e=e [deg]"]),
-    ("two cases of one name", written(text("t,e,U [-],U [V]")), ["any of which may be u"]),
     ("unit of time", written(text("t [min],e,u,x")), ["the unit of the time is 'min'", "in s, ms"]),
     ("decimal commas between commas", written(text(decimal=",")),
      ["line 2 has 8 cells but the header has 4", "semicolons"]),
     ("mixed decimals", written(GERMAN.replace(",", ".", 300)),
      ["F.csv: line 77, column u"]),
     ("empty cells", written(text() + "12.00,,,\n12.05,1,1,1\n"), ["the cell is empty"]),
-    ("NaN", saved({**ONE, "u": np.where(T == 3.0, np.nan, U[0])}), ["at sample 61"]),
     ("a spreadsheet", written(b"PK\x03\x04", "F.xlsx"), [".csv or a .mat file", ".npz"]),
     ("binary", written(bytes(range(256)) * 9), ["line 2 has 1 cells"]),
     ("MATLAB table", written(with_object("table"), "F.mat"),
      ["T is a MATLAB table, of which only MATLAB makes matrices"]),
-    ("MATLAB timetable", written(with_object("timetable"), "F.mat"),
-     ["T is a MATLAB timetable"]),
     ("MATLAB time series", written(with_object("timeseries", "stick"), "F.mat"),
      ["stick is a MATLAB timeseries"]),
     ("MATLAB runs of unequal length", saved({"d": structs([run(0), {**SHORT}])}),
@@ -323,35 +306,25 @@ REFUSED: list[tuple[str, Writer, list[str]]] = [
      ["variable u does not hold real numbers"]),
     ("npz cut short", written(b"PK\x03\x04" + bytes(99), "F.npz"), ["is no .npz file"]),
     ("HDF5 of other bytes", written(bytes(999), "F.h5"), ["is no .h5 file"]),
-    ("MATLAB several missing", saved({"time": T, "err": E[0]}),
-     ["'t'", "'e'", "'u'", "'x'"]),
 ]  # fmt: skip
 
 #: Lines of a CSV file, and what the sentence must say.
 REFUSED_LINES: list[tuple[list[str], list[str]]] = [
     (replaced(5, "0.15,abc,0,0"), ["line 5, column e: 'abc' is not a finite number"]),
-    (replaced(5, "0.15,0,0,nan"), ["line 5, column x: 'nan' is not a finite number"]),
     (replaced(5, ""), ["line 5 has 0 cells"]),
     (replaced(5, '0.15,"0,0,0'), ["line 5 cannot be read as comma-separated values"]),
     (replaced(5, "0.05,0,0,0"), ["the time steps by -0.05 s at line 5"]),
     (rows()[:9] + rows()[10:], ["time steps by 0.1 s at line 10"]),
     (replaced(1, "t,e,v,x"), ["no column 'u' for u (control)", "t, e, v, x", "--map u="]),
     (replaced(1, "z,e,u,x"), ["no column 't' for t (time)", "z, e, u, x", "--map t=", "--dt"]),
-    (
-        replaced(1, "z,e,v,y"),
-        ["'t'", "'u'", "'x'", "--map t=COLUMN,u="],
-    ),
     (replaced(1, "t,e,u,u"), ["F.csv: line 1, the header"]),
     (rows()[1:], ["line 1"]),
     (["x," + rows()[0], *("1," + r for r in rows()[1:])], ["F.csv: line 1, the header"]),
-    (replaced(1, 't,e,u,""x'), ["line 1 cannot be read as comma-separated values"]),
-    (rows(0), ["holds 0 samples"]),
     (rows(199), ["lasts 9.95 s"]),
     ([HEADER, *(f"{n * 10},{n},{n},{n}" for n in range(99))], ["time in seconds"]),
     ([HEADER, *(f"{n * DT:.2f},{n},0.5,{n}" for n in range(240))], ["u is constant in run 1"]),
     ([r.replace(",", ";") for r in replaced(5, "0.15,1 5,0,0")], ["line 5, column e: '1 5'"]),
     ([r.replace(",", ";") for r in rows()[:4]] + ["0,15;0;0;0"], ["decimal point"]),
-    (renamed("t,e,u,x,u_1", 5), ["line 1"]),
     (renamed("t,e,u_1,x,u_3", 5), ["line 1", "without a gap"]),
     (renamed("t,e,u_0,x,u_1", 5), ["F.csv: line 1, the header"]),
     (renamed("t,e,u_1,x,u_2", 5), ["signal e is of the shape (1, 240) and u of (2, 240)"]),
@@ -363,8 +336,6 @@ REFUSED_LINES: list[tuple[list[str], list[str]]] = [
     ),
     ([*long_format(["1", "1"])], ["the time steps by", "at line 242"]),
     (["run,t,e,u,x", "a,0,0,0,0"], ["holds 1 samples"]),
-    ([HEADER, *(f"{t},1,1,1" for t in (0, 1e200))], ["1e+200"]),
-    ([HEADER, *(f"{t},1,1,1" for t in (0, 1e-9))], ["lasts 2e-09 s"]),
 ]
 
 #: Bytes of a CSV file.
@@ -377,18 +348,12 @@ REFUSED_BYTES: list[tuple[bytes, list[str]]] = [
 #: The sidecar of a file with a run-in of 1 s.
 REFUSED_NOTES: list[tuple[str, list[str]]] = [
     ('{"runs": 1,\n "units": }', ["F.json", "line 2"]),
-    ("", ["F.json", "line 1"]),
-    ("[1]", ["F.json"]),
     ('{"run-in": 8}', ["F.json: run-in", "the keys are runs, run_in, dt, units"]),
     ('{"runs": 2}', ["F.csv", "2 runs"]),
-    ('{"runs": 0}', ["F.json: runs"]),
     ('{"run_in": 2.0}', ["F.csv", "40 samples of run-in"]),
     ('{"run_in": -1}', ["F.json: run_in"]),
-    ('{"dt": 0}', ["F.json: dt"]),
     ('{"dt": 0.06}', ["F.csv: the note dt says 0.06 s"]),
-    ('{"units": "deg"}', ["F.json: units"]),
     ('{"units": {"y": "deg"}}', ["F.json: units", "'y'"]),
-    ('{"lines": {"u": [1]}}', ["F.json: lines.u"]),
     ('{"lines": {"ft": [1, "2"]}}', ["F.json: lines.ft.1"]),
     ('{"units": {"u": "' + "m" * 41 + '"}}', ["F.json: units.u"]),
 ]
@@ -397,19 +362,16 @@ REFUSED_NOTES: list[tuple[str, list[str]]] = [
 REFUSED_VARIABLES: list[tuple[dict[str, object], list[str]]] = [
     (spoilt(u=None), ["has no variable 'u' for u (control), only t, e, x", "--map u="]),
     ({}, ["'t'", "'e'", "'u'", "'x'"]),
-    (spoilt(u=variables()["u"][1:].T), ["variable t", "239", "240"]),
+    (spoilt(u=TWO["u"][1:].T), ["variable t", "239", "240"]),
     (spoilt(u=np.ones((240, 2, 2))), ["variable u is 240 x 2 x 2"]),
     (spoilt(u=3.0), ["the first run of u has 1 samples"]),
-    (spoilt(u="text"), ["variable u does not hold real numbers"]),
-    (spoilt(u=variables()["u"] * 1j), ["variable u does not hold real numbers"]),
+    (spoilt(u=TWO["u"] * 1j), ["variable u does not hold real numbers"]),
     (spoilt(u=np.array([1, "a"], dtype=object)), ["variable u{2} does not hold real numbers"]),
     (spoilt(u=NOT_A_NUMBER), ["sample 11 of run 2"]),
-    (spoilt(t=np.full(SAMPLES, np.inf)), ["at sample 2 of t"]),
-    (spoilt(t=variables()["u"]), ["the time of run 2 differs"]),
+    (spoilt(t=TWO["u"]), ["the time of run 2 differs"]),
     (spoilt(t=np.zeros(SAMPLES)), ["the time steps by 0 s at sample 2 of t"]),
     (spoilt(pilotid={"runs": 3}), ["3 runs"]),
     (spoilt(pilotid={"speed": 3}), ["variable pilotid"]),
-    (spoilt(pilotid={"lines": {"ft": "abc"}}), ["variable pilotid"]),
 ]
 
 
@@ -417,10 +379,8 @@ REFUSED_VARIABLES: list[tuple[dict[str, object], list[str]]] = [
 REFUSED_STORAGE: list[tuple[Writer, list[str]]] = [
     (lambda folder: cut(save_v73(folder / "F.mat", ONE), 2000), ["damaged"]),
     (lambda folder: cut(saved(ONE, do_compression=True)(folder), 5000), ["damaged"]),
-    (written(b"", "F.mat"), ["damaged"]),
     (written(b"t,e,u,x\n" * 99, "F.mat"), ["damaged"]),
     (lambda folder: folder / "F.csv", ["no such file"]),
-    (lambda folder: folder / "F.mat", ["no such file"]),
     (lambda folder: made(folder / "F.csv", Path.mkdir), ["cannot be read"]),
 ]
 
@@ -551,14 +511,6 @@ def test_notes_in_v73(tmp_path: Path) -> None:
 # ------------------------------------------------------------------ the process that reads MATLAB
 
 
-def test_one_process_reads_all_files(tmp_path: Path) -> None:
-    path = saved(ONE)(tmp_path)
-    load_recording(path)
-    process = arrays._reader(os.getpid())
-    load_recording(path)
-    assert arrays._reader(os.getpid()) is process
-
-
 def test_a_damaged_file_does_not_cost_the_others(tmp_path: Path) -> None:
     files = []
     for number in range(4):
@@ -655,34 +607,17 @@ def test_the_sampling_interval_must_agree_with_the_time(tmp_path: Path) -> None:
         load_recording(path, dt=0.01)
 
 
-def test_measured_yaw(measured: Path) -> None:
-    files = sorted(measured.glob("yaw/*.mat"))
+@pytest.mark.parametrize(("names", "runs"), [("yaw/*.mat", 5), ("rollpitch/pilot*.csv", 1)])
+def test_measured_files_are_read(measured: Path, names: str, runs: int) -> None:
+    files = sorted(measured.glob(names))
     assert len(files) >= 12
     for file in files:
         recording = load_recording(file)
-        assert (recording.runs, recording.samples, recording.run_in) == (5, 8192, 0)
+        assert (recording.runs, recording.samples, recording.run_in) == (runs, 8192, 0)
         assert recording.dt == 0.01
         assert recording.ft is not None
-        assert recording.fd is not None
+        assert runs == 1 or recording.fd is not None
         np.testing.assert_allclose(recording.e, recording.ft - recording.x, atol=1e-4)
-
-
-def test_measured_rollpitch(measured: Path) -> None:
-    files = sorted(measured.glob("rollpitch/pilot*.csv"))
-    assert len(files) >= 12
-    for file in files:
-        recording = load_recording(file)
-        assert (recording.runs, recording.samples, recording.run_in) == (1, 8192, 0)
-        assert recording.dt == 0.01
-        assert recording.ft is not None
-        np.testing.assert_allclose(recording.e, recording.ft - recording.x, atol=1e-4)
-
-
-@pytest.mark.parametrize("suffix", [".csv", ".mat"])
-def test_measured_recording_survives_saving(measured: Path, tmp_path: Path, suffix: str) -> None:
-    recording = load_recording(measured / "yaw" / "ae2224I_measurement_data_subj1_C3.mat")
-    save_recording(recording, tmp_path / f"F{suffix}")
-    assert_equal(load_recording(tmp_path / f"F{suffix}"), recording)
 
 
 def test_a_signal_is_multiplied_by_the_factor_before_its_name(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from pilotid.report.page import Figure, environment, pdf, save_figures
+from pilotid.plots.page import Figure, environment, pdf, save_figures
 from pilotid.support.format import (
     Line,
     Table,
@@ -98,7 +98,7 @@ def test_a_figure_that_is_there_is_not_written_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn: list[bytes] = []
-    monkeypatch.setattr("pilotid.report.page.pdf", lambda _: drawn.append(b"") or b"%PDF")
+    monkeypatch.setattr("pilotid.plots.page.pdf", lambda _: drawn.append(b"") or b"%PDF")
 
     def saved(title: str) -> int:
         from matplotlib.figure import Figure as Drawing

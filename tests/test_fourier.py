@@ -29,7 +29,7 @@ from pilotid.model.channel import Channel
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import NotMultisineError, forcing_lines
-from pilotid.spectral.coefficients import coefficients_of, interpolation
+from pilotid.spectral.coefficients import coefficients_of
 from pilotid.spectral.equations import Equations
 
 GAIN_ONLY = MODELS["gain"]
@@ -75,25 +75,6 @@ def test_first_step_matches_the_truth_within_the_reported_error_of_interpolation
     assert np.all(first.std < 0.2 * np.abs(first.value))
 
 
-def test_runs_whose_forcing_functions_differ_in_phase_are_averaged_in_phase() -> None:
-    scenario = without_remnant(NOMINAL)
-    assert scenario.target is not None
-    parts = []
-    for seed in (1, 2, 3):
-        rng = np.random.default_rng(seed)
-        changed = replace(
-            scenario,
-            target=scenario.target.with_random_phases(rng),  # type: ignore[attr-defined]
-        )
-        parts.append(simulate(changed, rng))
-    e, u, x, ft, fd = (
-        np.concatenate([getattr(p, n) for p in parts]) for n in ["e", "u", "x", "ft", "fd"]
-    )
-    recording = replace(parts[0], e=e, u=u, x=x, ft=ft, fd=fd)
-    estimate = identify(Fourier(), recording, MULTI, np.random.default_rng(1))
-    np.testing.assert_allclose(estimate.values, scenario.values, rtol=1e-4)
-
-
 @pytest.mark.parametrize("removed", [0.0, 0.5, 1.0])
 def test_rows_are_the_derivatives_of_the_residual(removed: float) -> None:
     recording = noisy(runs=2)
@@ -130,16 +111,6 @@ def test_the_residual_is_that_of_the_lines_less_the_trend_beside_them() -> None:
         expected = residual[line] - trend(0.0)
         turned = expected * coefficients.weights[0, number]
         assert found[number] == pytest.approx(turned, rel=1e-6)
-
-
-@pytest.mark.parametrize("name", ["nominal", "single"])
-def test_bins_between_the_lines_tell_the_way_through_the_loop(name: str) -> None:
-    scenario = scenario_named(name)
-    coefficients = coefficients_of(noisy(name=name), scenario.model, 16, 1)
-    element = scenario.element.response(coefficients.omega[: coefficients.lines])
-    # Both inputs, -x and e = ft - x, are less by what the element makes of the control.
-    for path in coefficients.paths:
-        np.testing.assert_allclose(path, -element, rtol=0.01)
 
 
 def test_the_residual_in_the_loop_is_the_control_less_its_forced_part() -> None:
@@ -309,13 +280,6 @@ def test_a_channel_on_the_output_alone_is_identified() -> None:
     )
     estimate = identify(Fourier(), periodic, model, np.random.default_rng(1))
     np.testing.assert_allclose(estimate.values, model.vector(truth), rtol=1e-4)
-
-
-def test_interpolation_is_linear_and_extends_the_ends() -> None:
-    known, wanted = np.array([1.0, 2.0, 8.0]), np.array([0.5, 1.0, 4.0, 16.0])
-    weights = interpolation(known, wanted)
-    np.testing.assert_allclose(weights @ np.log(known), np.log(wanted), atol=1e-12)
-    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
 
 
 @pytest.mark.parametrize("condition", ["C2", "C3"])

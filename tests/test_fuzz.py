@@ -5,8 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -85,20 +83,6 @@ def assert_can_be_saved(recording: Recording, folder: Path) -> None:
 def test_any_bytes(tmp_path: Path, content: bytes, suffix: str) -> None:
     path = tmp_path / f"any{suffix}"
     path.write_bytes(content)
-    assert load(path) is None
-
-
-@few
-@given(content=st.binary(max_size=500), big=st.booleans(), inside=st.booleans())
-def test_any_bytes_after_the_header_of_a_mat_file(
-    tmp_path: Path, content: bytes, big: bool, inside: bool
-) -> None:
-    mark = b"\x01\x00MI" if big else b"\x00\x01IM"
-    if inside:
-        packed = zlib.compress(content)
-        content = struct.pack(">II" if big else "<II", 15, len(packed)) + packed
-    path = tmp_path / "any.mat"
-    path.write_bytes(b"MATLAB".ljust(124) + mark + content)
     assert load(path) is None
 
 

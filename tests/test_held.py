@@ -17,7 +17,6 @@ from pilotid.model.catalogue import MODELS, with_held
 from pilotid.support.types import InputError
 
 OMEGA = np.array([0.5, 2.0, 7.0, 15.0])
-NOMINAL = SCENARIOS["nominal"]
 HELD = {"fnm": 12.0, "tdvis": 0.3}
 
 
@@ -57,20 +56,6 @@ def test_every_method_holds_them_or_says_why_not(name: str) -> None:
         assert estimate.message
     else:
         assert np.isfinite(estimate.values).all()
-
-
-@pytest.mark.numerical
-def test_what_is_known_makes_the_rest_better_known() -> None:
-    recording = simulate(NOMINAL, np.random.default_rng(4))
-    truth = dict(zip(NOMINAL.model.keys, NOMINAL.values.tolist(), strict=True))
-    fits = {}
-    for known in ((), ("tlead", "fnm", "dnm")):
-        model = NOMINAL.model.with_fixed(**{key: truth[key] for key in known})
-        estimate = identify(method_named("mle"), recording, model, np.random.default_rng(0))
-        fits[known] = dict(zip(model.keys, estimate.std_error, strict=True))
-    for key, error in fits["tlead", "fnm", "dnm"].items():
-        assert error < 1.02 * fits[()][key]
-    assert fits["tlead", "fnm", "dnm"]["Kvis"] < 0.5 * fits[()]["Kvis"]
 
 
 def test_bounds_are_those_that_are_given() -> None:

@@ -24,11 +24,9 @@ UNSOUND = {
     "nothing": "it returned NoneType in place of an Estimate",
     "nan": "is not finite",
     "infinite": "is not finite",
-    "complex": "its values are no array of real numbers",
     "words": "no array of real numbers",
     "short": "of the shape (5,)",
     "flat": "its intervals are no array of real numbers of the shape (5, 2)",
-    "listed": "its values are no array",
     "negative": "a variance is not positive",
     "reversed": "an interval does not hold its value",
 }

@@ -65,12 +65,6 @@ def never(task: object, loss: Loss, why: str) -> int:
     raise AssertionError((task, loss, why))
 
 
-def test_all_tasks_are_answered_by_any_number_of_processes() -> None:
-    for workers in (1, 2):
-        answers = list(run_tasks(doubled, range(30), never, workers))
-        assert sorted(answers) == [2 * i for i in range(30)]
-
-
 @pytest.mark.long
 def test_processes_of_joblib_start_processes_too() -> None:
     """Their way to start processes is one that Python does not know by itself."""
@@ -120,11 +114,6 @@ def test_tasks_are_taken_as_they_are_needed() -> None:
     next(answers)
     answers.close()  # type: ignore[attr-defined]
     assert len(taken) < 20
-
-
-def test_no_task_starts_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pebble.ProcessPool", None)
-    assert list(run_tasks(doubled, [], never, 2)) == []
 
 
 def test_processes_that_end_as_they_start_are_a_sentence(

@@ -23,7 +23,6 @@ from pilotid.model.loops import (
     margin,
     margins,
     open_loops,
-    pilot_on,
 )
 from pilotid.model.model import PilotModel
 from pilotid.support.types import FloatArray
@@ -66,11 +65,6 @@ def test_margins_of_the_paper_s_loops(
         assert loop.phase_margin == pytest.approx(phase_margin, abs=0.5)
 
 
-@pytest.mark.parametrize(("gain", "poles"), [(4.0, 0), (6.0, 2)])
-def test_multi_loop_is_stable_at_gain_4_and_unstable_at_6(gain: float, poles: int) -> None:
-    assert is_stable(MULTI, NOMINAL.values, double_integrator(gain)) == (poles == 0)
-
-
 def test_open_loops_follow_their_formulas() -> None:
     element = double_integrator(4.0)
     visual, vestibular = MULTI.response(OMEGA, NOMINAL.values)
@@ -78,16 +72,6 @@ def test_open_loops_follow_their_formulas() -> None:
     target, disturbance = open_loops(MULTI, NOMINAL.values, element, OMEGA)
     np.testing.assert_allclose(target, visual * plant / (1.0 + vestibular * plant), rtol=1e-12)
     np.testing.assert_allclose(disturbance, plant * (visual + vestibular), rtol=1e-12)
-
-
-def test_pilot_on_gives_the_responses_in_u_equals_hpe_e_minus_hpx_x() -> None:
-    on_error, on_output = pilot_on(MULTI, OMEGA, NOMINAL.values)
-    visual, vestibular = MULTI.response(OMEGA, NOMINAL.values)  # channel signs +1 and -1
-    np.testing.assert_array_equal(on_error, visual)
-    np.testing.assert_array_equal(on_output, vestibular)
-    np.testing.assert_array_equal(
-        pilot_on(SINGLE, OMEGA, SINGLE_LOOP.values)[1], np.zeros(OMEGA.size)
-    )
 
 
 def test_margins_of_an_integrator_with_delay_by_hand() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,8 @@ from stores import KEYS, comparison, drawn, failed, finish
 
 from pilotid.study import scores
 from pilotid.study.scores import ALL, LOSS, loss_ratios
-from pilotid.study.table import Comparison, Fit, Store, Verdict, judge
+from pilotid.study.table import Comparison, Fit, Verdict, judge
 from pilotid.support.types import FloatArray
-
-Row = Mapping[str, str]
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -284,10 +282,3 @@ def test_exact_methods_are_hardly_ever_flagged(count: int) -> None:
     # Five parameters and two tests of each at 1e-3: at most 1 in 100 flagged.
     flagged = sum(bool(verdict(study_of(normal(count, seed))).flags) for seed in range(150))
     assert flagged <= 6
-
-
-def test_a_study_that_is_read_again_has_the_same_losses(tmp_path: Path) -> None:
-    with finish(tmp_path, 8) as store:
-        first = store.comparison().scores
-    with Store(tmp_path) as store:
-        assert store.comparison().scores.equals(first)

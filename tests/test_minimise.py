@@ -16,7 +16,6 @@ from pilotid.likelihood.estimates import starts_of
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import predict
 from pilotid.model.catalogue import MODELS, MULTI
-from pilotid.model.factors import Parameter
 from pilotid.model.model import PilotModel
 from pilotid.solve.least_squares import Gram, Minima, draw_starts, minimise, search, solve_linear
 from pilotid.support.types import BoolArray, FloatArray
@@ -115,18 +114,6 @@ def test_generic_problem_has_the_minimum_that_scipy_finds(positive: tuple[bool, 
     assert_same_minimum(minima, by_scipy(decay, START, WIDE.lower, WIDE.upper), 1e-6)
 
 
-def test_linear_problem_without_bounds_has_the_solution_of_lstsq() -> None:
-    rng = np.random.default_rng(8)
-    matrix, data = rng.standard_normal((20, 3)), rng.standard_normal(20)
-    space = box((-np.inf,) * 3, (np.inf,) * 3)
-
-    def rows(values: FloatArray) -> FloatArray:
-        return np.vstack([matrix.T, data - matrix @ values])
-
-    minima = minimise(gram_of(rows), np.full((1, 3), 5.0), space, tolerance=1e-16)
-    np.testing.assert_allclose(minima.values[0], np.linalg.lstsq(matrix, data)[0], rtol=1e-7)
-
-
 @pytest.mark.parametrize(
     ("lower", "upper", "bound"),
     [
@@ -147,18 +134,6 @@ def test_active_bounds_are_those_that_scipy_finds(
     # Bounds on a logarithmic scale come back through an exponential.
     assert {i: minima.values[0, i] for i in bound} == pytest.approx(bound, rel=1e-12)
     assert_same_minimum(minima, oracle, 1e-5)
-
-
-def test_active_bound_of_a_pilot_problem_is_that_which_scipy_finds() -> None:
-    problem = pilot_problem()
-    free = minimise(problem.gram, NOMINAL.values[None], MULTI).values[0]
-    limit = float(free[2]) - 0.03
-    tight = Parameter("tdvis", "s", 0.0, limit, 0.2, (0.1, limit), positive=False)
-    model = replace(MULTI, overrides=(tight,))
-    minima = minimise(problem.gram, model.start[None], model, tolerance=1e-14)
-    assert minima.values[0, 2] == pytest.approx(limit, rel=1e-12)
-    oracle = by_scipy(flat_rows(problem), model.start, model.lower, model.upper)
-    assert_same_minimum(minima, oracle, 1e-4)
 
 
 def test_start_on_a_bound_leaves_it_again() -> None:
@@ -192,19 +167,6 @@ def test_several_starts_end_as_each_alone_and_are_sorted_best_first() -> None:
         np.testing.assert_allclose(
             gram / scale / scale[:, None], own / scale / scale[:, None], atol=1e-9
         )
-
-
-def test_ends_stay_inside_the_bounds() -> None:
-    starts = draw_starts(MULTI, np.random.default_rng(5), 8)
-    values = minimise(pilot_problem().gram, starts, MULTI, iterations=8).values
-    assert np.all((values >= MULTI.lower) & (values <= MULTI.upper))
-
-
-def test_gradient_vanishes_at_the_end() -> None:
-    end = minimise(pilot_problem().gram, NOMINAL.values[None], MULTI, tolerance=1e-14)
-    gram = end.gram[0]
-    cosines = gram[:-1, -1] / np.sqrt(np.diag(gram)[:-1] * gram[-1, -1])
-    assert np.max(np.abs(cosines)) < 1e-7
 
 
 def test_iteration_limit_is_kept_and_reported() -> None:
@@ -246,16 +208,6 @@ def test_a_search_goes_on_from_where_it_ended_with_what_it_knew() -> None:
     step = fine.values[0] - anew.values[0]
     assert step @ fine.gram[0, :-1, :-1] @ step < 1e-8 * fine.cost[0]
     assert fine.gram[0] == pytest.approx(gram(fine.values)[0], rel=1e-6)
-
-
-def test_ends_are_taken_with_all_that_is_known_of_them() -> None:
-    ends = minimise(pilot_problem().gram, MULTI.start * [[1.0], [1.2], [0.8]], MULTI, iterations=5)
-    some = ends.only(np.array([2, 0]))
-    assert some.values == pytest.approx(ends.values[[2, 0]])
-    assert some.cost == pytest.approx(ends.cost[[2, 0]])
-    assert some.gram == pytest.approx(ends.gram[[2, 0]])
-    assert some.curvature == pytest.approx(ends.curvature[[2, 0]])
-    assert some.iterations == ends.iterations
 
 
 def test_a_step_that_is_far_too_long_is_shortened_at_once() -> None:
@@ -357,28 +309,6 @@ def test_search_finds_the_optimum_next_to_the_truth_from_a_poor_start(name: str)
     end = minimise(problem.gram, found.values[:1], poor)
     assert end.cost[0] <= best.cost[0] * (1.0 + 1e-6)
     np.testing.assert_allclose(end.values[0], best.values[0], rtol=1e-3)
-
-
-def test_search_screens_the_models_start_among_the_candidates_and_minimises_the_best() -> None:
-    problem = pilot_problem()
-    sets: list[FloatArray] = []
-
-    class Watched(Likelihood):
-        def gram(self, values: FloatArray) -> FloatArray:
-            sets.append(values)
-            return super().gram(values)
-
-    watched = Watched(problem.prediction)
-    search(watched.gram, MULTI, np.random.default_rng(16), candidates=10, refined=3)
-    screened, starts = sets[0], sets[1]
-    np.testing.assert_array_equal(screened[0], MULTI.start)
-    assert (len(screened), len(starts)) == (11, 3)
-    solved, cost = solve_linear(problem.gram(screened), screened, MULTI.linear, MULTI.lower)
-    best = np.argsort(cost)[:3]
-    np.testing.assert_allclose(starts, solved[best], rtol=1e-9)
-    # Gains are solved for; everything else starts where it was drawn.
-    others = [i for i in range(7) if i not in MULTI.linear]
-    np.testing.assert_allclose(starts[:, others], screened[np.ix_(best, others)], rtol=1e-12)
 
 
 def test_record_counts_the_starts_that_agree_by_hand() -> None:

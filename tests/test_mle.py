@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, fit_of, part_of, predict_circular, without_remnant
+from helpers import NOMINAL, fit_of, without_remnant
 
 from pilotid.checks.checks import remarks
 from pilotid.datasets import SCENARIOS, Scenario, simulate
@@ -15,7 +15,6 @@ from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.method import identify
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import predict
-from pilotid.likelihood.prepare import Band
 from pilotid.likelihood.remnant_models import Autoregressive, LowPass, NoiseModel
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
@@ -28,7 +27,6 @@ from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 
-BAND = Band(NOMINAL.dt, 3)
 TRUTH = NOMINAL.values
 
 
@@ -80,22 +78,6 @@ def test_gram_holds_the_inner_products_of_the_rows(
     size = np.sqrt(np.einsum("spp->sp", gram))
     difference = gram - np.einsum("sprt,sqrt->spq", rows, rows)
     assert np.all(np.abs(difference) < 1e-8 * size[:, :, None] * size[:, None])
-
-
-@pytest.mark.parametrize("way", ["plain", "reduced", "circular"])
-def test_the_past_of_a_residual_is_what_its_filters_say(way: str) -> None:
-    recording = simulate(NOMINAL, np.random.default_rng(3))
-    prediction = predict(recording, MULTI, 50.0)
-    if way == "circular":  # whose first sample has no samples before it
-        prediction = predict_circular(recording, MULTI)
-    if way == "reduced":
-        prediction = prediction.binned
-    joint = Likelihood(prediction, Autoregressive(6))
-    values = np.array([[*TRUTH, *AR6]])
-    found, residual = joint.rows(values), prediction.row_spectra(TRUTH[None])[:, -1:]
-    delays = prediction.filter_response(np.eye(7)[1:])
-    expected = prediction.without_nuisance(prediction.samples_of(-residual * delays[:, None]))
-    assert found[:, 7:13] == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
 
 
 def test_noise_free_recording_gives_the_truth() -> None:
@@ -267,29 +249,6 @@ def test_starts_anywhere_inside_the_bounds_reach_the_best_optimum() -> None:
         assert (np.abs(moved.values - reference.values) < 0.1 * reference.std_error).all()
 
 
-def test_an_offset_of_the_control_is_noticed_and_taken_out() -> None:
-    recording = simulate(NOMINAL, np.random.default_rng(5))
-    moved = replace(recording, u=recording.u + 0.3)
-    plain = identify(MLE(), recording, MULTI, np.random.default_rng(6))
-    shifted = identify(MLE(), moved, MULTI, np.random.default_rng(6))
-    # Gain and lead time live at low frequencies, of which the offset takes a part.
-    moves = np.abs(shifted.values - plain.values) / np.hypot(plain.std_error, shifted.std_error)
-    assert (moves[:2] < 3.0).all()
-    assert (moves[2:] < 1.0).all()
-    taps = LowPass(2).taps(np.array([[3.5, 0.7]]), BAND)[0][0]
-    terms = predict(moved, MULTI, 50.0).noticeable_terms(TRUTH)
-    assert 0.0 in terms
-    assert terms != predict(recording, MULTI, 50.0).noticeable_terms(TRUTH, taps)
-
-
-def test_runs_are_fitted_jointly() -> None:
-    four = simulate(replace(NOMINAL, runs=4), np.random.default_rng(7))
-    together = identify(MLE(), four, MULTI, np.random.default_rng(8))
-    alone = identify(MLE(), part_of(four, runs=slice(1)), MULTI, np.random.default_rng(8))
-    ratio = together.std_error / alone.std_error
-    np.testing.assert_allclose(ratio[2:], 0.5, atol=0.12)
-
-
 @pytest.mark.parametrize(("name", "replication"), [("remnant-0.5", 42), ("remnant-0.8", 17)])
 def test_a_channel_that_the_white_search_loses_is_found_again(name: str, replication: int) -> None:
     # A white residual draws these two to a vestibular gain of zero.
@@ -357,7 +316,3 @@ def test_intervals_hold_a_usual_neuromuscular_system_that_is_nearly_as_likely(se
     system = estimate.intervals[2:]
     assert (system[:, 0] <= truth[2:]).all()
     assert (system[:, 1] >= truth[2:]).all()
-
-
-def test_direct_prediction_errors_take_recordings_without_lines() -> None:
-    assert fit_of(MLE(loop=False), SCENARIOS["disturbance-step"]).outcome.usable

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from helpers import NOMINAL, SINGLE_LOOP, fit_of, monte_carlo, recording_of, without_remnant
+from helpers import NOMINAL, SINGLE_LOOP, fit_of, monte_carlo, without_remnant
 
 from pilotid.datasets import Scenario, scenario_named
 from pilotid.estimate.estimate import Outcome
-from pilotid.estimate.method import identify
 from pilotid.methods.mle_genetic import MLEGenetic
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MULTI
@@ -37,16 +34,6 @@ def test_it_ends_where_several_starts_end() -> None:
         genetic, several = fit_of(MLEGenetic(), white, i), fit_of(MLEWhite(), white, i)
         assert np.all(np.abs(genetic.values - several.values) < 0.2 * several.std_error)
         np.testing.assert_allclose(genetic.std_error, several.std_error, rtol=0.2)
-
-
-def test_the_start_of_the_model_plays_no_part() -> None:
-    recording = recording_of(NOMINAL)
-    far = MULTI.with_start({"Kvis": 5.0, "tlead": 20.0, "tdvis": 0.9, "Kvest": 0.01, "fnm": 35.0})
-    ends = [
-        identify(MLEGenetic(generations=5), recording, model, np.random.default_rng(1)).values
-        for model in (MULTI, far)
-    ]
-    np.testing.assert_array_equal(*ends)
 
 
 def test_a_global_search_does_not_mend_the_bias() -> None:
@@ -80,22 +67,3 @@ def test_evolution_finds_the_lowest_of_many_optima(seed: int) -> None:
     end = evolve(gram, TONE, np.random.default_rng(seed), population=15, generations=40)
     np.testing.assert_allclose(end.values, [[0.7, 0.6]], rtol=1e-6)
     assert end.values.shape == (1, 2)
-
-
-def test_evolution_of_gains_alone_solves_for_them() -> None:
-    model = PilotModel("gain", (Channel("visual", "error", 1, (Gain("K"),)),))
-
-    def linear(values: FloatArray) -> FloatArray:
-        wave = np.broadcast_to(np.sin(TIME), (len(values), TIME.size))
-        rows = np.stack([wave, (3.0 - values) * wave], axis=1)
-        return rows @ rows.transpose(0, 2, 1)
-
-    end = evolve(linear, model, np.random.default_rng(1), population=5, generations=2)
-    assert end.values == pytest.approx(np.array([[3.0]]))
-
-
-def test_a_gain_that_would_be_negative_stays_at_its_bound() -> None:
-    turned = replace(recording_of(SINGLE_LOOP), u=-recording_of(SINGLE_LOOP).u)
-    rng = np.random.default_rng(1)
-    estimate = identify(MLEGenetic(generations=5), turned, SINGLE_LOOP.model, rng)
-    assert not estimate.outcome.usable or estimate.outcome is Outcome.AT_BOUND

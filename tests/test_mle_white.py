@@ -8,14 +8,13 @@ from typing import Literal
 import control
 import numpy as np
 import pytest
-from helpers import NOMINAL, fit_of, leading_recording, monte_carlo, recording_of, without_remnant
+from helpers import NOMINAL, fit_of, leading_recording, monte_carlo, without_remnant
 from scipy.signal import lsim
 from scipy.stats import binom
 
 from pilotid.datasets import SCENARIOS, scenario_named, simulate
 from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.method import identify
-from pilotid.likelihood.search import REFINED
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3, Hold, _Output, pulse_response
 from pilotid.model.catalogue import MODELS, MULTI
@@ -85,22 +84,6 @@ def test_runs_are_fitted_jointly() -> None:
     all_runs = fit_of(MLEWhite(), replace(WHITE, runs=runs))
     typical = np.median([e.std_error for e in one], axis=0)
     assert all_runs.std_error == pytest.approx(typical / np.sqrt(runs), rel=0.25)
-
-
-def test_several_starts_agree() -> None:
-    for estimate in monte_carlo(MLEWhite(), WHITE, REPLICATIONS)[:10]:
-        assert estimate.starts is not None
-        assert len(estimate.starts.cost) == REFINED
-        assert estimate.starts.agreeing >= 2
-
-
-def test_the_start_does_not_matter() -> None:
-    recording = recording_of(NOMINAL)
-    far = MULTI.with_start({k: 0.6 * v for k, v in zip(MULTI.keys, NOMINAL.values, strict=True)})
-    near = identify(MLEWhite(), recording, MULTI, np.random.default_rng(1))
-    from_far = identify(MLEWhite(), recording, far, np.random.default_rng(1))
-    # The search stops when a step promises less than a share of 1e-7 of the cost.
-    assert from_far.values == pytest.approx(near.values, rel=1e-2)
 
 
 # ------------------------------------------------------------------------------------- mmle3

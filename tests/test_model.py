@@ -103,27 +103,6 @@ def name_of(thing: object) -> str:
 # ------------------------------------------------------------------ derivatives
 
 
-@pytest.mark.parametrize("factor", FACTORS, ids=repr)
-def test_log_derivatives_of_a_factor_equal_complex_steps(factor: Factor) -> None:
-    # On the positive real axis responses are real, so that complex steps are exact there;
-    # both sides are analytic in s.
-    s = np.geomspace(0.05, 50.0, 41).astype(complex)
-    for point in points(factor.parameters, 5, seed=1):
-        _, slopes = factor.response_and_slopes(s, list(point))
-        assert len(slopes) == len(factor.parameters)
-        for index, slope in enumerate(slopes):
-            moved = point.astype(complex)
-            moved[index] += 1e-30j
-            step = np.imag(factor.response(s, list(moved))) / 1e-30
-            derivative = np.real(slope * factor.response(s, list(point)))
-            np.testing.assert_allclose(
-                np.broadcast_to(derivative, s.shape),
-                np.broadcast_to(step, s.shape),
-                rtol=1e-8,
-                atol=1e-11,
-            )
-
-
 @pytest.mark.parametrize("model", EVERY_MODEL, ids=name_of)
 def test_jacobian_of_a_model_equals_central_differences(model: PilotModel) -> None:
     for point in points(model.parameters, 4, seed=3):
@@ -173,24 +152,6 @@ def test_parameter_used_twice_in_a_channel_by_hand() -> None:
     )
 
 
-@pytest.mark.parametrize("model", EVERY_MODEL, ids=name_of)
-def test_many_parameter_sets_evaluate_as_one_by_one(model: PilotModel) -> None:
-    s = 1j * OMEGA
-    sets = points(model.parameters, 5, seed=4)
-    together = model.evaluated(s, sets)
-    for i, point in enumerate(sets):
-        for (responses, slopes), (response, own) in zip(
-            together, model.evaluated(s, point), strict=True
-        ):
-            for many, one in zip([responses, *slopes], [response, *own], strict=True):
-                np.testing.assert_allclose(
-                    np.broadcast_to(many, (len(sets), s.size))[i],
-                    np.broadcast_to(one, s.shape),
-                    rtol=1e-12,
-                    atol=0.0,
-                )
-
-
 # ------------------------------------------------------------------ responses and composition
 
 
@@ -228,15 +189,6 @@ def test_shared_parameters_appear_once_and_neuromuscular_ones_last(
     model: PilotModel, keys: str
 ) -> None:
     assert model.keys == tuple(keys.split())
-
-
-def test_shared_neuromuscular_parameters_move_both_channels() -> None:
-    jacobian = MULTI.response_and_jacobian(OMEGA, NOMINAL.values)[1]
-    for key in ("fnm", "dnm"):
-        assert np.all(np.abs(jacobian[:, MULTI.keys.index(key)]) > 0.0)
-    own = MULTI.keys.index("Kvest")
-    assert np.all(jacobian[0, own] == 0.0)
-    assert np.all(np.abs(jacobian[1, own]) > 0.0)
 
 
 def test_user_factor_has_the_response_of_its_formula_and_its_fixed_pole() -> None:
@@ -307,15 +259,6 @@ def test_rational_form_approaches_the_exact_response_as_the_pade_order_rises(
     assert np.all(error(5, below=10.0) < 5e-4)
 
 
-def test_polynomials_leave_out_sign_and_differentiators() -> None:
-    s = 1j * OMEGA
-    _, vestibular = MULTI.polynomials(NOMINAL.values, 5)
-    full = MULTI.rational(NOMINAL.values, 5)[1](s)
-    ratio = np.polyval(vestibular[0], s) / np.polyval(vestibular[1], s)
-    np.testing.assert_allclose(ratio * s**2, full, rtol=1e-10)
-    assert ratio[0].real > 0.0  # the channel's sign is -1
-
-
 @pytest.mark.parametrize("order", range(1, 9))
 def test_pade_approximants_are_those_of_python_control(order: int) -> None:
     import control
@@ -360,12 +303,6 @@ def test_overrides_replace_bounds_in_place() -> None:
     assert (model.lower[2], model.start[2], model.upper[2]) == (0.2, 0.25, 0.3)
     others = [i for i in range(7) if i != 2]
     np.testing.assert_array_equal(model.upper[others], MULTI.upper[others])
-
-
-def test_vector_puts_values_in_model_order() -> None:
-    mapping = {key: float(i) for i, key in enumerate(reversed(MULTI.keys))}
-    np.testing.assert_array_equal(MULTI.vector(mapping), [6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 0.0])
-    assert MULTI.vector(mapping | {"extra": 9.0}).shape == (7,)
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=name_of)

@@ -51,18 +51,6 @@ def candidate(model: str, pilot: int, left_out: tuple[float, ...], vaf: float = 
     )
 
 
-@pytest.mark.parametrize("name", ["single", "multi", "lead-lag"])
-def test_the_model_that_made_a_recording_is_chosen(name: str) -> None:
-    recording = recording_of(name)
-    assert choose_model([compare_models(recording, default_candidates(recording), 0)]).model == name
-
-
-def test_a_recording_without_a_disturbance_tells_no_two_channels_apart() -> None:
-    recording = replace(recording_of("single"), fd=None, lines={})
-    inputs = {c.on for model in default_candidates(recording) for c in model.channels}
-    assert inputs == {"e"}
-
-
 #: What ten runs leave unexplained.
 RUNS = tuple(30.0 + run for run in range(10))
 

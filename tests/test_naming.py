@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from pilotid.datasets.signals import Remnant
 from pilotid.likelihood.remnant_models import LowPass
-from pilotid.methods import METHODS, label_of, method_named
+from pilotid.methods import label_of, method_named
 from pilotid.methods.arx import ARX
 from pilotid.methods.bayes import Bayes
 from pilotid.support.naming import (
@@ -62,22 +62,15 @@ class Outer:
     ("text", "name", "value"),
     [
         ("number=2", "number", 2.0),
-        ("number = -1e-3", "number", -1e-3),
         ("number=inf", "number", np.inf),
         ("count=7", "count", 7),
         ("word='7'", "word", "7"),
-        ("word='a, (b'", "word", "a, (b"),
-        ('word="it\'s"', "word", "it's"),
         ("on=TRUE", "on", True),
         ("maybe=none", "maybe", None),
-        ("maybe=2", "maybe", 2.0),
         ("either=5", "either", 5),
-        ("either=five", "either", "five"),
         ("either='5'", "either", "5"),
-        ("kind=two-sided", "kind", "two-sided"),
         ("kind=3", "kind", 3),
         ("pair=(3, 4)", "pair", (3.0, 4)),
-        ("many=(a,)", "many", ("a",)),
         ("many=[a, 'b c']", "many", ("a", "b c")),
         ("inner=Inner(wide=true)", "inner", Inner(wide=True)),
         ("anything=((1, 2.5), none, x)", "anything", ((1, 2.5), None, "x")),
@@ -96,21 +89,16 @@ def test_settings_are_read_as_their_types(text: str, name: str, value: object) -
     ("text", "words"),
     [
         ("size=2", "there is no setting 'size'; its settings are number, count, word"),
-        ("name=x", "no setting 'name'"),
-        ("2", "'2' is not SETTING=VALUE"),
         ("count=2.0", "count=2: input should be a valid integer"),
         ("inner=Inner(wde=true)", "did you mean 'wide'?"),
         ("number=abc", "number=abc: input should be a valid number"),
-        ("number=nan", "a valid number"),
         ("number=", "is not SETTING=VALUE"),
         ("number=1, number=2", "given twice"),
         ("on=1", "a valid boolean"),
         ("kind=both", "'one-sided', 'two-sided' or 3"),
         ("pair=(1, 2, 3)", "pair=(1, 2, 3): "),
         ("inner=Other(depth=1)", "Other(...) is not known there"),
-        ("inner=3", "an instance of Inner"),
         ("word=a b", "put words with other signs"),
-        ("many=(a", "check brackets"),
         ("many=" + "(" * 2000 + ")" * 2000, "check brackets"),
     ],
 )
@@ -171,16 +159,10 @@ def test_no_text_breaks_the_reader(text: str) -> None:
 # ----------------------------------------------------------------------------------- methods
 
 
-@pytest.mark.parametrize("method", METHODS.values(), ids=lambda m: m.name)
-def test_a_registered_method_has_its_name_for_a_label(method: object) -> None:
-    assert label_of(method) == method.name  # type: ignore[attr-defined, arg-type]
-
-
 @pytest.mark.parametrize(
     ("method", "label"),
     [
         (ARX(memory=None), "arx(memory=none)"),
-        (ARX(memory=2), "arx(memory=2)"),
         (ARX(memory=2.0), "arx(memory=2)"),
         (Bayes(likelihood="white", band=None), "bayes-white"),
         (Bayes(likelihood="white"), "bayes-white(band=50)"),
@@ -268,12 +250,9 @@ def test_things_are_taken_from_files_and_modules(mine: Path) -> None:
         ("{}/none.py:Mine", "No such file"),
         ("{}:Mine", "Is a directory"),
         ("{}/mine.py:Yours", "holds no 'Yours'"),
-        ("{}/mine.py:Mine.x", "holds no 'x'"),
-        ("{}/mine.py:Mine(size=x)", "a valid integer"),
         ("{}/syntax.py:X", "SyntaxError"),
         ("{}/leaves.py:X", "SystemExit: 4"),
         ("{}/bytes.py:X", "bytes.py: cannot be imported (SyntaxError"),
-        ("{}/null.py:X", "cannot be imported"),
         ("no.such.module:X", "No module named 'no'"),
         ("pilotid.methods:ARX()x", "is not file.py:NAME"),
     ],
@@ -283,7 +262,6 @@ def test_code_that_cannot_be_used_is_a_sentence(mine: Path, place: str, words: s
     (folder / "syntax.py").write_text("def")
     (folder / "leaves.py").write_text("import sys; sys.exit(4)")
     (folder / "bytes.py").write_bytes(b"\xff\xfe")
-    (folder / "null.py").write_bytes(b"x = 1\0")
     with pytest.raises(InputError) as refusal:
         load_object(place.format(folder))
     assert words in str(refusal.value)

@@ -7,7 +7,6 @@ import pytest
 
 from pilotid.likelihood.prepare import FAR, Band, lowpass
 from pilotid.likelihood.remnant_models import (
-    NOISE_MODELS,
     Autoregressive,
     BandPass,
     LowPass,
@@ -99,14 +98,6 @@ def test_a_band_pass_has_to_win_against_a_low_pass() -> None:
     assert close >= 5
 
 
-def test_the_filter_whitens_a_remnant_that_was_filtered_and_decimated() -> None:
-    residual = shaped(LowPass(2), TRUTHS[2], 20_000, seed=1)
-    taps = LowPass(2).taps(np.array([TRUTHS[2]]), BAND)[0][0]
-    white = np.convolve(residual[0], taps, mode="valid")
-    lags = [float(np.mean(white[lag:] * white[:-lag]) / np.var(white)) for lag in range(1, 20)]
-    assert np.abs(lags).max() < 4.0 / np.sqrt(white.size)
-
-
 def test_a_moving_average_of_the_products_is_the_filtered_power() -> None:
     residual = np.random.default_rng(2).standard_normal((2, 300))
     taps = np.zeros(FAR + 1)
@@ -144,14 +135,3 @@ def test_a_resonance_that_no_low_pass_has_calls_for_a_free_spectrum() -> None:
     assert isinstance(best, Autoregressive)
     guess, _ = best.guess(lagged_products(signal[None, 200:]), FULL)
     np.testing.assert_allclose(guess[:4], coefficients[1:], atol=0.1)
-
-
-@pytest.mark.parametrize("model", NOISE_MODELS, ids=lambda m: m.name)
-def test_every_model_agrees_with_itself_on_its_parameters(model: LowPass) -> None:
-    count = len(model.keys)
-    assert model.lower.shape == model.upper.shape == model.positive.shape == (count,)
-    guess, _ = model.guess(lagged_products(shaped(LowPass(2), TRUTHS[2], 1360, 5)), BAND)
-    assert guess.shape == (count,)
-    taps, slopes = model.taps(np.tile(guess, (3, 1)), BAND)
-    assert taps[:, 0] == pytest.approx(1.0)
-    assert slopes.shape == (3, count, taps.shape[1])

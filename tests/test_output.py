@@ -43,10 +43,6 @@ def test_product_of_gain_and_lead_by_the_delta_method() -> None:
     assert product.upper - product.lower == pytest.approx(2.0 * 1.96 * math.sqrt(0.0085), rel=1e-4)
 
 
-def test_a_model_without_lead_has_no_such_product() -> None:
-    assert failed("mine", MODELS["gain"], Outcome.SINGULAR).derived == []
-
-
 def test_sums_of_delays_by_the_delta_method() -> None:
     model = MODELS["look-ahead"]
     values = model.vector(

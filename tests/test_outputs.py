@@ -45,16 +45,12 @@ def digests(folder: Path) -> dict[Path, str]:
     [
         "analyse o/estimates.csv --out o",
         "analyse o/models.csv --out o --force",
-        "analyse s.csv --out o",
         "posterior o/summary.csv --out o --force",
         "compare --scenario single --method mle-white --replications 1 --out o",
-        "simulate single --out s.csv",
         "simulate single --out b.csv",
-        "fit s.csv --json notes.txt",
         "fit s.csv --json a.out --report a.out",
         "fit s.csv --json link.json --force",
         "fit s.csv --json nowhere/a.json",
-        "fit s.csv --json o",
         "check s.csv --json s.json --force",
     ],
 )
@@ -88,11 +84,3 @@ def test_pipes_are_written_into_and_the_targets_of_links_replaced(run: Run, plac
     assert (place / "pipe").is_fifo()
     assert (place / "new.json").is_symlink()
     assert found[0][:20] == (place / "target").read_bytes()[:20] == b'{\n  "recording": {\n '
-
-
-def test_a_folder_that_was_deleted_is_a_sentence(run: Run, place: Path) -> None:
-    (place / "gone").mkdir()
-    os.chdir(place / "gone")
-    (place / "gone").rmdir()
-    answer = run("fit", str(place / "s.csv"), *FIT[2:], "--json", "x.json")
-    assert (answer.status, len(answer.err.splitlines())) == (2, 1)

@@ -15,7 +15,7 @@ from stores import comparison
 from pilotid.datasets import SCENARIOS
 from pilotid.model.catalogue import SINGLE
 from pilotid.model.loops import is_stable
-from pilotid.report.paper import _limits, write_paper
+from pilotid.report.paper import write_paper
 from pilotid.study.paper import KEYS, METHODS, MOTION, PEOPLE, PERIPHERAL, fit_trial, trials
 from pilotid.study.run import with_truth
 from pilotid.study.study import PROFILES
@@ -101,19 +101,6 @@ def test_the_page_has_the_paper_in_its_order(tmp_path: Path) -> None:
     assert re.search(r"0\.4\d* ± 0\.1", text)  # from no motion to full motion
     assert "not public" in text
     assert PEOPLE not in re.sub("Columns on people.*", "", text)
-
-
-@pytest.mark.parametrize(
-    ("values", "shown", "left_out"),
-    [([1.0, 1.2, 0.9, 1.1, 90.0], [0.9, 1.2], [90.0]), ([-5.0, 5.0], [-5.0, 5.0], []),
-     ([0.0, 0.0], [0.0], []), ([np.nan, 2.0], [2.0], []), ([np.nan], [0.5], []), ([], [0.5], [])],
-)  # fmt: skip
-def test_axes_show_most_values(
-    values: list[float], shown: list[float], left_out: list[float]
-) -> None:
-    low, high = _limits(np.array(values))
-    assert all(low < value < high for value in shown)
-    assert not any(low < value < high for value in left_out)
 
 
 @pytest.mark.numerical

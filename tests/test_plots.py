@@ -127,18 +127,6 @@ def test_all_channels_are_drawn_with_the_coefficients_of_the_recording() -> None
     pyplot.close(axes[0].figure)
 
 
-def test_the_band_of_an_uncertain_gain_is_one_of_magnitude_alone() -> None:
-    model = MODELS["gain"]
-    errors = np.zeros(len(model.keys))
-    errors[0] = 0.1 * PILOTS[model.name].values[0]
-    above, below = plots.describing_function(estimate(model, errors=errors), axes=pair())
-    omega, size = line(above, "mle")
-    low, high = band(above, omega[:5])
-    np.testing.assert_allclose(high / size[:5], np.exp(0.196), rtol=1e-4)
-    np.testing.assert_allclose(low / size[:5], np.exp(-0.196), rtol=1e-4)
-    np.testing.assert_allclose(np.subtract(*band(below, omega[:5])), 0.0, atol=1e-9)
-
-
 def test_the_band_of_an_uncertain_delay_is_one_of_phase_alone() -> None:
     (index,) = SINGLE.delays
     errors = np.zeros(len(SINGLE.keys))

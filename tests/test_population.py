@@ -46,11 +46,6 @@ def test_draws_are_in_range_and_make_recordings(name: str) -> None:
     assert len({scenario.truth for scenario in scenarios}) == len(scenarios)
 
 
-def test_a_draw_depends_on_its_generator_alone() -> None:
-    assert drawn("population-usual", 4) == drawn("population-usual", 4)
-    assert drawn("population-usual", 1, 4) != drawn("population-usual", 1, 5)
-
-
 def test_every_kind_of_element_is_drawn_as_often() -> None:
     """What is thrown away for want of stability leaves the shares as they are."""
     kinds = [s.element.denominator for s in drawn("population-single", 90)]

@@ -21,7 +21,7 @@ from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import BESIDE, predict
 from pilotid.likelihood.prepare import Prepared, decimation, fast_length
-from pilotid.likelihood.remnant_models import WHITE, Autoregressive, Whitener
+from pilotid.likelihood.remnant_models import WHITE, Whitener
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.factors import Canals
 from pilotid.model.model import PilotModel
@@ -117,15 +117,6 @@ def test_prediction_of_a_step_disturbance_recovers_every_parameter(band: float |
     assert worst_error(problem, scenario, share=0.15) < 2e-3
 
 
-@pytest.mark.parametrize("name", PILOTS)
-def test_prediction_with_run_in_leaves_no_residual_at_the_truth(name: str) -> None:
-    scenario = PILOTS[name]
-    prediction = predict(noise_free(scenario), scenario.model)
-    problem = Likelihood(prediction.with_decays(scenario.values))
-    share = np.std(problem.prediction.errors(scenario.values)) / np.std(problem.prediction.control)
-    assert share < SLOW.get(name, 1e-4)
-
-
 # ------------------------------------------------------------------ Jacobian and Gram matrices
 
 
@@ -155,24 +146,6 @@ def test_rows_are_the_derivatives_of_the_prediction_and_its_residual(
             np.testing.assert_allclose(row[index], difference, atol=1e-7 * np.abs(difference).max())
 
 
-@pytest.mark.parametrize("noise", [WHITE, Whitener(TAPS)], ids=["white", "whitened"])
-def test_gram_holds_the_inner_products_of_the_rows(noise: Whitener) -> None:
-    recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
-    problem = Likelihood(predict(recording, MULTI, 26.0), noise)
-    values = apart(NOMINAL.values)
-    gram, rows = problem.gram(values), problem.rows(values)
-    assert gram.shape == (2, 8, 8)
-    np.testing.assert_allclose(gram, np.einsum("sprt,sqrt->spq", rows, rows), rtol=1e-9)
-
-
-def test_residual_is_the_last_row_without_whitening() -> None:
-    recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
-    prediction = predict(recording, MULTI, 26.0)
-    values = apart(NOMINAL.values)
-    rows = Likelihood(prediction).rows(values)
-    np.testing.assert_allclose(rows[0, -1], prediction.errors(values[0]), atol=1e-12)
-
-
 @pytest.mark.parametrize("band", [None, 26.0])
 def test_whitened_rows_are_the_moving_average_of_the_plain_rows(band: float | None) -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
@@ -188,27 +161,6 @@ def test_whitened_rows_are_the_moving_average_of_the_plain_rows(band: float | No
     np.testing.assert_allclose(filtered[..., 3:], expected, atol=1e-11 * np.abs(plain).max())
     # Before the first scored sample lies pre-history, so that no sample is lost.
     assert filtered.shape == plain.shape
-
-
-def test_every_parameter_set_can_have_its_own_whitening_filter() -> None:
-    recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
-    prediction = predict(recording, MULTI, 26.0)
-    values = np.hstack([apart(NOMINAL.values), [[-0.9, 0.1], [0.3, -0.2]]])
-    together = Likelihood(prediction, Autoregressive(2)).rows(values)[:, [*range(7), -1]]
-    for i in range(2):
-        own = Whitener(np.array([1.0, *values[i, 7:]]))
-        alone = Likelihood(prediction, own).rows(values[[i], :7])[0]
-        np.testing.assert_allclose(together[i], alone, atol=1e-12 * np.abs(alone).max())
-
-
-def test_a_whitening_filter_leaves_the_space_of_the_nuisance_terms_as_it_is() -> None:
-    prediction = predict(simulate(NOMINAL, np.random.default_rng(3)), MULTI, 26.0)
-    terms = prediction.nuisance_terms
-    assert terms.shape[1] == 2
-    filtered = np.array([np.convolve(term, TAPS, mode="valid") for term in terms.T]).T
-    inside = terms[TAPS.size - 1 :]
-    projection = inside @ np.linalg.lstsq(inside, filtered, rcond=None)[0]
-    np.testing.assert_allclose(projection, filtered, atol=1e-12 * np.abs(filtered).max())
 
 
 @pytest.mark.parametrize("band", [None, 26.0])
@@ -424,15 +376,6 @@ def test_low_pass_filter_is_6_db_down_at_half_the_decimated_rate_and_50_db_beyon
     assert gain_at(nyquist, band) == pytest.approx(0.5, abs=0.003)
     stop = [abs(gain_at(share * nyquist, band)) for share in (1.2, 1.3, 1.45, 1.7)]
     assert max(stop) < 10.0 ** (-50.0 / 20.0)
-
-
-def test_nothing_is_filtered_at_the_full_rate() -> None:
-    recording = simulate(NOMINAL, np.random.default_rng(6))
-    prepared = Prepared(recording, SINGLE)
-    np.testing.assert_array_equal(prepared.control, recording.u)
-    np.testing.assert_array_equal(prepared.inputs[0], recording.e)
-    np.testing.assert_array_equal(prepared.time, recording.time)
-    assert prepared.first == recording.run_in
 
 
 @pytest.mark.parametrize("band", BANDS)

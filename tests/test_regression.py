@@ -103,14 +103,6 @@ def test_a_pilot_s_ill_conditioned_rows_keep_their_precision() -> None:
     assert regression.cost(structure) == pytest.approx(plain([u, e, x], structure, 12)[1], rel=1e-6)
 
 
-def test_more_columns_than_rows_leave_no_residual() -> None:
-    signals = true_arx(np.random.default_rng(1), 14)
-    regression = Regression(signals[0], signals[1:], 4, [(1, 6), (1, 6)], 6)
-    for poles in (4, 0):
-        assert regression.cost(Structure(poles, (6, 6), (1, 1))) == 0.0
-    assert regression.cost(Structure(1, (1, 1), (1, 1))) > 0.0
-
-
 def test_a_drift_of_each_run_can_be_fitted_besides() -> None:
     signals = true_arx(np.random.default_rng(2), 200, runs=2)
     drift = np.arange(200.0)
@@ -170,15 +162,3 @@ def test_the_response_s_covariance_is_its_scatter() -> None:
     assert correlations[1] == pytest.approx(correlations[0], abs=0.2)
     # As many directions as coefficients are random.
     assert np.linalg.matrix_rank(claimed[0], tol=1e-9 * claimed[0].max()) == TRUE.parameters
-
-
-def test_errors_can_be_propagated_at_another_response() -> None:
-    signals = true_arx(np.random.default_rng(1), 300)
-    fit = Regression(signals[0], signals[1:], 2, [(3, 4), (2, 3)], 5).fit(TRUE)
-    omega = np.array([1.0, 5.0])
-    factors = np.ones((2, 2), dtype=complex)
-    value, covariance = fit.response(omega, DT, factors)
-    same, at_itself = fit.response(omega, DT, factors, value)
-    assert np.array_equal(value, same)
-    assert at_itself == pytest.approx(covariance)
-    assert fit.response(omega, DT, factors, 2.0 * value)[1][0, 0] > covariance[0, 0]

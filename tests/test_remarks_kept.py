@@ -10,9 +10,8 @@ from helpers import NOMINAL, recording_of
 from test_output import estimate
 
 from pilotid.checks.checks import remarks
-from pilotid.datasets import SCENARIOS
 from pilotid.study.run import LONGEST_TOLD, told
-from pilotid.study.study import PROFILES, Study
+from pilotid.study.study import Study
 from pilotid.study.table import Store
 
 
@@ -34,10 +33,3 @@ def test_remarks_of_a_study_are_in_its_store(tmp_path: Path) -> None:
         kept = {fit.scenario: fit.remarks for fit in store.fits()}
     assert not kept["nominal"]
     assert "samples are lost or spiked" in kept["recorder-lost"]
-
-
-def test_the_full_profile_has_the_family_and_the_quick_one_has_not() -> None:
-    own = {name for name, scenario in SCENARIOS.items() if scenario.family == "violation"}
-    assert len(own) == 3
-    assert own <= set(PROFILES["full"][0])
-    assert not own & set(PROFILES["quick"][0])

@@ -89,18 +89,6 @@ def test_pysindy_prunes(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(fitted) == 1 + 5  # the estimate and its ensemble
 
 
-def test_a_triangular_factor_stands_for_its_rows() -> None:
-    library = Library(SINDy(), recording_of(NOMINAL), MULTI)
-    structure = library.best_delays()
-    blocks = library.blocks(structure, 1.0)
-    lags = [(d, 11) for d in structure.delays]
-    rows = lagged_rows(library.control, library.inputs, 4, lags, 11)[0]
-    rows = rows - rows.mean(axis=0)
-    together = np.concatenate(blocks)
-    assert together.T @ together == pytest.approx(rows.T @ rows, rel=1e-9, abs=1e-9)
-    assert prune(together, 0.05) == pytest.approx(prune(rows, 0.05), rel=1e-6)
-
-
 @pytest.mark.parametrize("samples", [1, 2, 3])
 def test_the_delay_is_found_on_the_grid(samples: int) -> None:
     # A gain and a delay on a white input: u(t) = 0.5 e(t - delay).
@@ -128,13 +116,6 @@ def test_no_row_reaches_across_runs() -> None:
     assert len(blocks) == len(apart)
     for one, other in zip(blocks, apart, strict=True):
         assert one.T @ one == pytest.approx(other.T @ other, rel=1e-6, abs=1e-9)
-
-
-def test_known_dynamics_are_the_canals() -> None:
-    s = 1j * np.array([0.1, 1.0, 10.0])
-    visual, vestibular = MULTI.fixed_responses(s)
-    assert visual == pytest.approx(np.ones(1))
-    assert vestibular == pytest.approx((1.0 + 0.1 * s) / (1.0 + 6.0 * s))
 
 
 # ------------------------------------------------------------------------------- the estimate
@@ -200,14 +181,6 @@ def test_the_claimed_spread_of_the_response_is_its_scatter() -> None:
     assert np.mean((ratio > 0.5) & (ratio < 2.0)) > 0.8, ratio
 
 
-def test_resampling_whole_blocks_or_single_rows_says_the_same() -> None:
-    # The residual is white, apart from what few lags leave.
-    claimed = [
-        response_of(fit_of(SINDy(block=block, misfit=1e-3), NOMINAL)).std for block in (0.12, 4.0)
-    ]
-    assert claimed[1] == pytest.approx(claimed[0], rel=0.3)
-
-
 def test_an_ensemble_that_scatters_more_raises_the_covariance() -> None:
     rng = np.random.default_rng(6)
     triangle = np.triu(rng.standard_normal((5, 5))) + 4.0 * np.eye(5)
@@ -216,14 +189,6 @@ def test_an_ensemble_that_scatters_more_raises_the_covariance() -> None:
     for factor in (0.1, 1.0, 3.0):
         found = ensemble_covariance(factor * draws, triangle, 0.3)
         assert found == pytest.approx(max(1.0, factor**2) * least_squares, rel=0.05, abs=1e-9)
-
-
-def test_the_ensemble_comes_from_the_caller_s_generator() -> None:
-    np.random.seed(1)  # noqa: NPY002, pysindy's own ensembles would draw from it
-    first = fit_of(SINDy(), SINGLE_LOOP)
-    np.random.seed(2)  # noqa: NPY002
-    again = fit_of(SINDy(), SINGLE_LOOP)
-    assert again.covariance.tobytes() == first.covariance.tobytes()
 
 
 # -------------------------------------------------------------------------- no usable model

@@ -1,4 +1,4 @@
-"""What may happen to a store: changed bytes, a full disk, deaths."""
+"""What may happen to a store: changed bytes, a full disk."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import sys
 from contextlib import closing
 from pathlib import Path
 
-import numpy as np
 import pytest
 from helpers import Answer, Run
-from stores import Content, content_of, finish
+from stores import finish
 
 from pilotid.study.table import Fit, Store
 from pilotid.support.store import STORE
@@ -25,12 +24,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("finished")
     finish(folder).close()
     return folder
-
-
-@pytest.fixture(scope="module")
-def whole(finished: Path) -> Content:
-    with Store(finished) as store:
-        return content_of(store)
 
 
 def copied(finished: Path, folder: Path) -> Path:
@@ -63,7 +56,7 @@ def test_commands_refuse_a_damaged_store_and_leave_it_as_it_is(
     assert (folder / STORE).read_bytes() == content
 
 
-# ----------------------------------------------------------------- full disks and deaths
+# --------------------------------------------------------------------------- full disks
 
 
 #: Adds fits to a store until something is in the way; the argument is the largest file.
@@ -87,10 +80,10 @@ with Store(Path(sys.argv[1]), create=True) as store:
 """
 
 
-def test_a_full_disk_is_a_sentence_and_costs_nothing(
-    finished: Path, whole: Content, tmp_path: Path
-) -> None:
+def test_a_full_disk_is_a_sentence_and_costs_nothing(finished: Path, tmp_path: Path) -> None:
     folder = copied(finished, tmp_path / "study")
+    with Store(folder) as store:
+        before = len(store.fits())
     done = subprocess.run(
         [sys.executable, "-c", FILLING.format(here=HERE), folder, "300000"],
         capture_output=True,
@@ -100,49 +93,8 @@ def test_a_full_disk_is_a_sentence_and_costs_nothing(
     number, sentence = done.stdout.split(" ", 1)
     assert sentence.startswith(str(folder / STORE))
     with Store(folder, create=True) as store:
-        assert len(store.fits()) == len(whole.fits) + int(number)
+        assert len(store.fits()) == before + int(number)
         store.add(Fit("second", "mle", 10**6, "crashed"))  # it goes on
-
-
-#: Makes a store and fills it, and dies in the n-th statement that SQLite traces.
-DYING = """
-import os, sqlite3, sys
-sys.path.insert(0, {here!r})
-from pathlib import Path
-from stores import finish
-left = int(sys.argv[2])
-def trace(statement):
-    global left
-    left -= 1
-    if left < 0:
-        os._exit(9)
-connect = sqlite3.connect
-def connected(*args, **kwargs):
-    base = connect(*args, **kwargs)
-    base.set_trace_callback(trace)
-    return base
-sqlite3.connect = connected
-finish(Path(sys.argv[1]), 3).close()
-"""
-
-
-def test_a_death_at_any_statement_leaves_a_whole_store(tmp_path: Path) -> None:
-    finish(tmp_path, 3).close()
-    with Store(tmp_path) as store:
-        whole = content_of(store)
-    rng = np.random.default_rng(5)
-    for number in [*range(0, 24, 8), *rng.integers(24, 38, 3).tolist()]:
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        program = DYING.format(here=HERE)
-        done = subprocess.run([sys.executable, "-c", program, folder, str(number)])
-        assert done.returncode == 9
-        with Store(folder, create=True) as store:
-            for found in store.fits():
-                assert found.key in whole.fits
-        with finish(folder, 3) as store:
-            content = content_of(store)
-            assert (content.about, content.fits.keys()) == (whole.about, whole.fits.keys())
 
 
 @pytest.mark.parametrize("content", ["", "{}", '{"scenario": "first"}'])

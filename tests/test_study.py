@@ -17,12 +17,10 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import scenario_named
-from pilotid.estimate.estimate import Outcome
-from pilotid.methods.arx import ARX
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.study.run import Task, run_task, started, truths_of
+from pilotid.study.run import run_task, started, truths_of
 from pilotid.study.study import Study, method_entry, scenario_entry
 from pilotid.study.table import OF_FITS, Fit, Store, frame_of, read_study
 from pilotid.support.store import STORE
@@ -50,19 +48,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_one_process_and_two_give_the_same_bytes(finished: Path, tmp_path: Path) -> None:
     assert run(tmp_path, workers=1) == (finished / "summary.csv").read_bytes()
-
-
-@pytest.mark.long
-def test_a_study_that_grows_is_the_one_that_was_large_at_once(
-    finished: Path, tmp_path: Path
-) -> None:
-    run(tmp_path, replace(STUDY, scenarios=("starts",), methods=("fourier",), replications=2))
-    assert run(tmp_path) == (finished / "summary.csv").read_bytes()
-
-
-def test_a_finished_study_has_nothing_left_to_do(finished: Path) -> None:
-    with Store(finished, create=True) as store:
-        assert STUDY.enter(store) == []
 
 
 FOURIER = method_entry(Fourier())
@@ -111,13 +96,6 @@ def test_a_label_of_one_s_own_names_a_method_and_moves_no_number() -> None:
     assert short.estimates == usual.estimates
 
 
-def test_an_error_outside_the_method_is_a_row() -> None:
-    result = run_task(Task(("single", "mle-white", 0), 1, b"nonsense"))
-    assert result.outcome == Outcome.CRASHED.slug
-    assert result.message.startswith("UnpicklingError")
-    assert not result.usable
-
-
 # ------------------------------------------------------------------------ objects, not names
 
 
@@ -125,14 +103,12 @@ def test_an_error_outside_the_method_is_a_row() -> None:
     ("scenarios", "methods", "words"),
     [
         ("single", ["mle", MLE()], "two of the methods are called 'mle'"),
-        ("single", ["arx(memory=2)", ARX(memory=2.0)], "called 'arx(memory=2)'"),
         (["single", "single"], "mle", "two of the scenarios are called 'single'"),
         (replace(scenario_named("single"), runs=2), "mle", "the name 'single' of another one"),
         (replace(scenario_named("single"), name="a b"), "mle", "must be of letters"),
         (replace(scenario_named("single"), name="own", truth=(1.0,)), "mle", "must be 5 numbers"),
         (3, "mle", "is no Scenario"),
         ("single", 3, "is no method"),
-        ("single", "mle(band=x)", "a valid number"),
     ],
 )
 def test_what_cannot_be_compared_is_a_sentence(scenarios: Any, methods: Any, words: str) -> None:

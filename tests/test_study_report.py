@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stores import failed
+from stores import failed, finish
 
 from pilotid.report.study import overview, write_report
 from pilotid.study.table import Entry, Fit, Store, read_study
@@ -18,25 +18,7 @@ from pilotid.support.store import Key
 
 KEYS = ("Kvis", "tlead", "tdvis", "Kvest", "tdvest", "fnm", "dnm")
 TRUTH = (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)
-ALL = (
-    "nominal",
-    "single",
-    "white-remnant",
-    "disturbance-only",
-    "target-only",
-    "disturbance-step",
-    "target-step",
-    "remnant-0.1",
-    "remnant-0.4",
-    "remnant-0.8",
-    "starts",
-    "length-20",
-    "length-164",
-    "runs-2",
-    "someone's own",
-)
-
-
+ALL = ("nominal", "single", "remnant-0.1", "remnant-0.8", "starts", "length-20", "someone's own")
 TYPED = {"someone-else": "their file.py:Own"}
 
 
@@ -219,6 +201,21 @@ def test_equal_stores_give_equal_bytes(full: Made) -> None:
 )  # fmt: skip
 def test_any_part_of_a_study_makes_a_report(tmp_path: Path, name: str, count: int) -> None:
     made = report(tmp_path, scenarios(name, methods=("mle",), count=count), ("mle", "never-run"))
+    assert not re.search(r"\b(nan|inf)\b", made.html.partition("<script>")[0], re.I)
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_population_makes_a_report_even_if_nothing_succeeded(tmp_path: Path, lost: bool) -> None:
+    if not lost:
+        finish(tmp_path, 12).close()
+
+    def fill(store: Store) -> None:
+        store.enter([Entry("population-usual", 30, {"runs": [1]}, population=True)])
+        for replication in range(2):
+            store.add(Fit("population-usual", "mle", replication, "crashed", "why"))
+
+    made = report(tmp_path, fill, ("mle",))
+    assert ("2 of 2" in made.markdown) == lost
     assert not re.search(r"\b(nan|inf)\b", made.html.partition("<script>")[0], re.I)
 
 

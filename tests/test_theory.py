@@ -21,7 +21,6 @@ from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MULTI
 from pilotid.solve.intervals import hessian_of, sandwich_of, score_products
-from pilotid.study.run import truths_of
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
 
@@ -129,11 +128,6 @@ def test_a_step_is_whitened_in_time() -> None:
     information = np.linalg.inv(bounds(experiment).forcing)
     # Elements that vanish are rounding.
     assert information == pytest.approx(expected, rel=1e-6, abs=1e-7)
-
-
-def test_the_study_knows_the_bounds_of_its_scenarios() -> None:
-    (bound,) = (b for key, _, truth, b in truths_of(scenario_named("nominal")) if truth == 0.32)
-    assert bound == pytest.approx(0.32 * 0.0106, rel=0.01)
 
 
 def test_information_is_what_whitened_recordings_hold() -> None:

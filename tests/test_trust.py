@@ -89,14 +89,6 @@ def test_a_target_without_periods_is_recorded_too() -> None:
     assert abs(np.log(power(again, again.u) / power(recording, recording.u))) < 0.4
 
 
-def test_runs_with_other_disturbances_are_refused() -> None:
-    recording, estimate = fitted(RECORDED)
-    assert recording.fd is not None
-    other = np.array([recording.fd[0], np.roll(recording.fd[0], 500)])
-    with pytest.raises(InputError, match="fd differs from run to run"):
-        Scenario.from_fit(estimate, replace(recording, fd=other))
-
-
 def test_the_recorder_adds_what_was_found_on_the_output() -> None:
     noisy = replace(RECORDED, recorder=Recorder(noise=(0.0, 0.0, 0.01), makes_error=True))
     recording, estimate = fitted(noisy)
@@ -121,11 +113,14 @@ def test_what_cannot_be_simulated_is_refused() -> None:
     recording, estimate = fitted(RECORDED)
     bare = replace(recording, controlled_element="", fd=None, x=np.roll(recording.x, 999, axis=1))
     unstable = replace(estimate, values=estimate.values * np.array([9.0, 1, 1, 1, 1, 1, 1]))
+    assert recording.fd is not None
+    other = np.array([recording.fd[0], np.roll(recording.fd[0], 500)])
     for own, of, words in (
         (replace(estimate, outcome=Outcome.SINGULAR), recording, "cannot be simulated"),
         (replace(estimate, remnant=None), recording, "has no remnant"),
         (replace(estimate, model=ADAPTING), recording, "varies in time"),
         (unstable, recording, "is unstable"),
+        (estimate, replace(recording, fd=other), "fd differs from run to run"),
         (estimate, bare, "no controlled element is known"),
     ):
         with pytest.raises(InputError, match=words):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -16,9 +15,7 @@ from pilotid.estimate.quantities import FrequencyResponse, circular, real_parts
 from pilotid.likelihood.second_step import ResponseFit, second_step
 from pilotid.model.catalogue import MULTI, SINGLE
 from pilotid.model.model import PilotModel
-from pilotid.plots.plots import response_figure
 from pilotid.recording.recording import Recording
-from pilotid.report.page import svg
 from pilotid.support.types import ComplexArray, FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -133,22 +130,3 @@ def test_too_few_responses_are_refused_with_the_reason() -> None:
     estimate = second_step("test", recording(), SINGLE, few, np.random.default_rng(1))
     assert estimate.outcome is Outcome.NOT_APPLICABLE
     assert "4 independent numbers" in estimate.message
-
-
-def test_the_bode_plot_shows_points_models_and_truth_and_never_changes() -> None:
-    size = np.abs(MULTI.response(OMEGA, TRUTH)).ravel()
-    response = with_errors(MULTI, some_covariance(size, 0.0), 0.05 * size * (1 + 1j))
-    estimate = second_step("fourier", recording(), MULTI, response, np.random.default_rng(1))
-    figure = response_figure([estimate], TRUTH)
-    magnitude = figure.axes[0]
-    curves = {str(line.get_label()): line for line in magnitude.get_lines()}
-    drawn = np.asarray(curves["truth"].get_ydata())
-    at = np.asarray(curves["truth"].get_xdata())
-    np.testing.assert_allclose(drawn, np.abs(MULTI.response(at, TRUTH)[0]))
-    points = magnitude.containers[0].get_children()[0]
-    np.testing.assert_allclose(points.get_ydata(), np.abs(response.value[0]))
-    assert len(figure.axes) == 4
-    assert svg(figure, "a", "b") == svg(response_figure([estimate], TRUTH), "a", "b")
-    # A fit that failed still shows its first step.
-    failed = replace(estimate, values=np.full(7, np.nan))
-    assert len(response_figure([failed]).axes[0].containers) == 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, PILOTS
 
-from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
+from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.scenarios import Violation
 from pilotid.datasets.simulation import linear_rms
 from pilotid.datasets.stepping import STEP, stepped
@@ -119,9 +119,3 @@ def test_a_pilot_who_answers_at_once_is_refused() -> None:
     own = replace(SCENARIOS["violation-saturated"], truth=(0.17, 2.93, 0.32, 0.5, 0.004, 12.0, 0.3))
     with pytest.raises(InputError, match=r"must be at least 0\.005 s each"):
         made(own)
-
-
-def test_a_violation_can_be_typed() -> None:
-    own = scenario_named('nominal(violation=Violation(kind="threshold", size=2))')
-    assert isinstance(own, Scenario)
-    assert own.violation == Violation("threshold", 2.0)

@@ -43,7 +43,6 @@ def ramped(ramp: int, samples: int, **lines: tuple[int, ...]) -> Recording:
     ("ramp", "samples", "start", "periods"),
     [
         (300, 2702, 300, 2),  # as recorded by Yamagami et al. 2019: what is left over is dropped
-        (300, 2701, 300, 2),
         (0, 2650, 240, 2),  # down to a whole second
         (0, 1400, 180, 1),
         (300, 1900, 660, 1),
@@ -67,7 +66,6 @@ def stepping(samples: int) -> FloatArray:
 
 LEFT_ALONE = {
     "one whole period": ramped(0, PERIOD),
-    "three whole periods": ramped(0, 3 * PERIOD),
     "no forcing function": Recording(DT, *np.random.default_rng(1).standard_normal((3, 1, 2700))),
     "noise": recorded(np.random.default_rng(2).standard_normal(2700)),
     "steps": recorded(stepping(2700)),

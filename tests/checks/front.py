@@ -18,8 +18,8 @@ import pandas as pd
 
 import pilotid
 from pilotid.cli.main import CORE
+from pilotid.plots.page import svg
 from pilotid.plots.style import colour_of, journal_style, marker_of
-from pilotid.report.page import svg
 
 ROOT = Path(__file__).parents[2]
 SCENARIO = pilotid.SCENARIOS["nominal"]

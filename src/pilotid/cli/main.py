@@ -83,9 +83,9 @@ def _end(sentence: str, status: int = 2) -> NoReturn:
 
 def _version(asked: bool) -> None:
     if asked:
-        from pilotid import __version__
+        from importlib.metadata import version
 
-        make_console().print(f"pilotid {__version__}", highlight=False)
+        make_console().print(f"pilotid {version('pilotid')}", highlight=False)
         raise typer.Exit
 
 

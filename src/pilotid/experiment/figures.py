@@ -11,9 +11,9 @@ import numpy as np
 from pilotid.estimate.quantities import FrequencyResponse, symbol, unit_words
 from pilotid.experiment.files import CONDITION, SUBJECT, in_order
 from pilotid.experiment.results import LEFT_OUT, MEASURED, Results
+from pilotid.plots.page import Figure
 from pilotid.plots.responses import Bode
 from pilotid.plots.style import INK, draw_grid, journal_figure, with_unit
-from pilotid.report.page import Figure
 from pilotid.support.numbers import Z95
 from pilotid.support.types import FloatArray
 

@@ -13,7 +13,7 @@ from pilotid.experiment.comparisons import POWER, SHARE, not_compared, planned, 
 from pilotid.experiment.figures import figures
 from pilotid.experiment.files import CONDITION, SUBJECT, in_order
 from pilotid.experiment.results import LEFT_OUT, MEASURED, Results
-from pilotid.report.page import FIGURES, save_figures, write_page
+from pilotid.plots.page import FIGURES, save_figures, write_page
 from pilotid.support.format import (
     NONE,
     Table,

@@ -1,5 +1,5 @@
-"""How recordings and estimates are drawn: plots for notebooks, figures, pages.
+"""How recordings and estimates are drawn: plots for notebooks, figures, and what makes a page.
 
 Imports all that it shows, and no study.  Start at `plots`; `style` has the colours that every
-figure shares.
+figure shares, `page` fills the templates.
 """

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.datasets.design import Design, sines_of
+from pilotid.plots.page import Figure, write_page
 from pilotid.plots.style import draw_grid, journal_figure, log_ticks, with_unit
-from pilotid.report.page import Figure, write_page
 from pilotid.support.format import Table, number, table
 
 if TYPE_CHECKING:

@@ -18,9 +18,9 @@ from pilotid.likelihood.estimates import VAF_BAND, simulated_vaf
 from pilotid.likelihood.prediction import predict
 from pilotid.model.element import parsed_element
 from pilotid.plots import plots
+from pilotid.plots.page import Figure, render, save_figures
 from pilotid.plots.plots import corner
 from pilotid.plots.style import leading
-from pilotid.report.page import Figure, render, save_figures
 from pilotid.support.disk import strict_json, table_bytes, write_file
 from pilotid.support.format import Line, Table, make_console, show, table
 from pilotid.support.remarks import counted_grades

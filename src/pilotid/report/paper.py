@@ -13,8 +13,8 @@ import numpy as np
 
 from pilotid.datasets import SCENARIOS
 from pilotid.datasets.signals import paper_disturbance, paper_target
+from pilotid.plots.page import Figure, write_page
 from pilotid.plots.style import INK, colour_of, draw_grid, journal_figure, marker_of
-from pilotid.report.page import Figure, write_page
 from pilotid.report.study import panelled
 from pilotid.study.paper import (
     BIAS,

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pilotid.plots.page import FIGURES, Figure, render, save_figures, write_page
 from pilotid.plots.style import INK, WIDTH, colour_of, journal_style, marker_of
-from pilotid.report.page import FIGURES, Figure, render, save_figures, write_page
 from pilotid.report.study_tables import (
     Ranking,
     advice,
