@@ -16,11 +16,11 @@ from dataclasses import replace
 import numpy as np
 
 from pilotid.checks.detectors import Finding, findings, step_of, unit_conversion
-from pilotid.checks.plant import element_changes, opposed, plant_of, unrelated
+from pilotid.checks.plant import element_changes, opposed, plant_of, response_ratios, unrelated
 from pilotid.recording.recording import ABSENT, Recording, remembered
 from pilotid.recording.spectra import at_lines, known_lines, same_lines, target_lines
 from pilotid.recording.windows import longest_run, of_runs
-from pilotid.support.limits import ELEMENT, RECORDER, SIGNAL
+from pilotid.support.limits import RECORDER, SIGNAL
 from pilotid.support.remarks import Remark, gravest_first
 from pilotid.support.types import FloatArray
 
@@ -108,9 +108,8 @@ def _spikes(recording: Recording) -> Found:
 
 @check("motionless")
 def _still(recording: Recording) -> Found:
-    names = [n for n in ("e", "x") if n in recording.signals and motionless(recording, n)]
-    which = " and ".join(names)
-    yield len(names), f"{which} does not move: map it to the recorded signal, or record it"
+    still = [n for n in ("e", "x") if n in recording.signals and motionless(recording, n)]
+    yield len(still), f"{' and '.join(still)} does not move: map it to the recorded signal"
 
 
 def _turned(fault: Finding) -> bool:
@@ -367,23 +366,16 @@ def _rms(signal: FloatArray) -> float:
 ABOUT_ERROR: tuple[NameCheck, ...] = (not_the_error, exchanged)
 ABOUT_OUTPUT: tuple[NameCheck, ...] = (opposed, element_changes, unrelated)
 
-FEWEST_BANDS = 4
-
 
 @check("element-differs", math.log(SIGNAL.unlike_element))
 def unlike(recording: Recording) -> Found:
     """One run of another element: the output holds no noise, so that each run shows its own."""
-    plants = [plant_of(recording, run) for run in range(recording.runs)]
-    known = [plant for plant in plants if plant is not None]
-    if recording.runs < 2 or len(known) < recording.runs:
+    ratios = response_ratios([plant_of(recording, run) for run in range(recording.runs)])
+    if ratios is None:
         return
-    good = np.all([plant.coherence >= ELEMENT.coherent for plant in known], axis=0)
-    if np.count_nonzero(good) < FEWEST_BANDS:
-        return
-    size = np.array([np.log(np.abs(plant.response[good])) for plant in known])
     # A band in which one run differs may lie at a resonance; an element differs in most.
-    middle = np.median(size, axis=0) if recording.runs > 2 else size[0]
-    apart = np.median(np.abs(size - middle), axis=1)
+    middle = np.median(ratios.real, axis=0) if recording.runs > 2 else 0.0
+    apart = np.median(np.abs(ratios.real - middle), axis=1)
     run = int(np.argmax(apart))
     yield (
         float(apart[run]),

@@ -16,19 +16,8 @@ from itertools import pairwise, permutations
 
 import numpy as np
 
-from pilotid.checks.element_forms import (
-    fits_of,
-    simplest,
-    spectra_in_window,
-)
-from pilotid.checks.plant import (
-    Answered,
-    Relation,
-    answered,
-    derivatives,
-    regression,
-    shifted,
-)
+from pilotid.checks.element_forms import fits_of, simplest, spectra_in_window
+from pilotid.checks.plant import Answered, Relation, answered, derivatives, regression, shifted
 from pilotid.model.element import parsed_element
 from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT, RECORDER

@@ -15,12 +15,7 @@ import numpy as np
 
 from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import findings
-from pilotid.checks.element_forms import (
-    FormFit,
-    fits_of,
-    simplest,
-    spectra_in_window,
-)
+from pilotid.checks.element_forms import FormFit, fits_of, simplest, spectra_in_window
 from pilotid.model.element import ControlledElement, parsed_element
 from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT

@@ -105,7 +105,7 @@ def answered(spectra: Spectra, element: ControlledElement) -> Answered | None:
     late = float(times[np.argmax(np.real(np.exp(1j * np.outer(times, omega)) @ (omega * unit)))])
     for _ in range(3):
         off = -np.angle(unit * np.exp(1j * omega * late))
-        late += _weighted_median(off / omega, omega)
+        late += float(np.quantile(off / omega, 0.5, weights=omega, method="inverted_cdf"))
     turned = ratio * np.exp(1j * omega * late)
     gain = float(np.median(turned.real))
     left = float(np.median(np.abs(turned / gain - 1.0)))
@@ -114,12 +114,6 @@ def answered(spectra: Spectra, element: ControlledElement) -> Answered | None:
     # A median has 1.25 times the error of a mean; independent bins of the window are fewer.
     scatter = 1.25 * 1.48 * float(np.median(np.abs(np.angle(turned))))
     return Answered(late, scatter / math.sqrt(INDEPENDENT * float(omega @ omega)))
-
-
-def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
-    order = np.argsort(values)
-    share = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(share, 0.5 * share[-1])])
 
 
 class Best(NamedTuple):
@@ -371,33 +365,39 @@ def is_gain(recording: Recording) -> bool:
     return known.size >= FEWEST_BANDS and bool(np.max(off) <= ELEMENT.flat)
 
 
+def response_ratios(plants: Sequence[Plant | None]) -> ComplexArray | None:
+    """Logarithms of responses over the first one, where all are coherent, shape (plants, bands).
+
+    None if a plant is not known, or too few bands are coherent in all.
+    """
+    known = [plant for plant in plants if plant is not None]
+    if len(known) < max(2, len(plants)):
+        return None
+    good = np.all([plant.coherence >= ELEMENT.coherent for plant in known], axis=0)
+    ratios = np.array([plant.response[good] / known[0].response[good] for plant in known])
+    return np.asarray(np.log(ratios)) if ratios.shape[1] >= FEWEST_BANDS else None
+
+
 def element_changes(recording: Recording) -> Remark | None:
     """An element that is another one in the second half of the recording than in the first."""
     half = recording.samples // 2
     drive = recording.u if recording.fd is None else recording.u + recording.fd
-    first, second = (
+    ratios = response_ratios([
         _answer(
             _spectrum(recording, recording.x, part),
             _spectrum(recording, drive, part),
             half * recording.dt,
         )
         for part in (slice(half), slice(-half, None))
-    )
-    if first is None or second is None:
+    ])  # fmt: skip
+    if ratios is None or np.median(np.abs(ratios[1])) <= ELEMENT.changed:
         return None
-    good = np.minimum(first.coherence, second.coherence) >= ELEMENT.coherent
-    if np.count_nonzero(good) < FEWEST_BANDS:
-        return None
-    ratio = second.response[good] / first.response[good]
-    apart = float(np.median(np.abs(np.log(ratio))))
-    if apart <= ELEMENT.changed:
-        return None
+    factor = float(np.exp(np.max(np.abs(ratios[1].real))))
     return Remark(
         "element-differs",
         "the controlled element of the second half differs from that of the first by a factor of "
-        f"{float(np.exp(np.max(np.abs(np.log(np.abs(ratio)))))):.2g} at some frequencies: no "
-        "single transfer function describes it; fit the halves separately, or use a time-varying "
-        "model",
+        f"{factor:.2g} at some frequencies: no single transfer function describes it; fit the "
+        "halves separately, or use a time-varying model",
     )
 
 
