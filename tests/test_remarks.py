@@ -108,6 +108,10 @@ def test_a_delay_that_people_do_not_have() -> None:
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.09), "tdvis", 0.06, 0.12))
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.05), "tdvis", 0.0, 0.12))
     assert remark.startswith("tdvis is 0.05 s")
+    assert remark.grade == "note"
+    # Whatever the interval holds, nobody answers within 50 ms.
+    (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.02), "tdvis", 0.0, 0.12))
+    assert remark.grade == "doubt"
     assert remarks_on(estimate_of(SINGLE, tdvis=0.11)) == ()
 
 

@@ -302,13 +302,14 @@ def _short_delays(estimate: Estimate) -> Iterator[Remark]:
     """Delays that people do not have."""
     for i in estimate.model.delays:
         value, end = float(estimate.values[i]), float(estimate.intervals[i, 1])
+        open_end = end > ESTIMATE.shortest_delay
         if value < ESTIMATE.shortest_delay:
             yield Remark(
                 "outside-range",
                 f"{estimate.model.keys[i]} is {value:.3g} s (at most {end:.3g}), but people's "
                 f"delays are not below {ESTIMATE.shortest_delay:g} s: another parameter may have "
                 "taken its part (a lag, a slow neuromuscular system), or u was recorded early",
-                "note" if end > ESTIMATE.shortest_delay else "doubt",
+                "note" if open_end and value >= ESTIMATE.no_delay else "doubt",
             )
 
 
