@@ -153,4 +153,4 @@ def test_a_target_that_jumps_is_no_slow_recorder() -> None:
     wave = np.sin(8.0 * math.pi * recording.time / recording.duration)
     target = 1.5 * np.sign(wave) * np.minimum(1.0, 12.0 * np.abs(wave))
     jumping = replace(recording, ft=target[None], e=target - recording.x, lines={})
-    assert "resampled" not in {finding.code for finding in findings(jumping)}
+    assert "low-pass" not in {finding.code for finding in findings(jumping)}

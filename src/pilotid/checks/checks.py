@@ -55,6 +55,7 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
     """
     tabled = [row(recording) for row in CHECKS]
     faults = [f for f in findings(recording) if f.grade != "note"]
+    # Lost samples do so, too, but no wrong name explains them.
     related = any(
         f.code in (*RELATED, "lost-samples") and f.signal != "e" and not _turned(f) for f in faults
     )

@@ -77,6 +77,7 @@ def _ends(recording: Recording) -> tuple[Finding, ...]:
     """What ends the band of a signal, so that nothing is left of it above."""
     with np.errstate(all="ignore"):
         look = _Look(recording)
+        # What is interpolated falls as well: of one signal the first is told.
         return (*look.grids(), *look.falls())
 
 

@@ -11,6 +11,7 @@ unusual one even where it is a little less likely.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import product
 
@@ -72,8 +73,7 @@ def with_profile(estimate: Estimate, optimum: Optimum, profile: Profile) -> Esti
     sought, covariance = deviances(optimum), estimate.covariance
     intervals = over_systems(optimum, profile.intervals)
     # With another model of the remnant, too, a pilot may be as likely.
-    every = np.array([*intervals.T, *optimum.competing])
-    intervals = np.stack([every.min(axis=0), every.max(axis=0)], axis=1)
+    intervals = _holding(intervals, optimum.competing)
     # The length of an interval tells the scatter of skewed estimates; the likelihood's
     # curvature at its maximum, from which the covariance is, only the middle of it.
     length = np.diff(intervals, axis=1)[:, 0]
@@ -200,7 +200,11 @@ def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
                 optimum.search_problem.gram, point[None], fixed, tolerance=1e-3, iterations=20
             )
             if end.cost[0] < limit:
-                low, high = intervals.T
-                point = end.values[0, : joint.pilot_count]
-                intervals = np.stack([np.minimum(low, point), np.maximum(high, point)], axis=1)
+                intervals = _holding(intervals, end.values[:, : joint.pilot_count])
     return intervals
+
+
+def _holding(intervals: FloatArray, points: Iterable[FloatArray]) -> FloatArray:
+    """Intervals (parameters, 2) that hold points (parameters,), too."""
+    every = np.array([*intervals.T, *points])
+    return np.stack([every.min(axis=0), every.max(axis=0)], axis=1)
