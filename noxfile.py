@@ -72,15 +72,12 @@ def bench(session: nox.Session) -> None:
 
 @nox.session
 def check(session: nox.Session) -> None:
-    """Long comparisons: `-- mle`, `-- theory`, `-- sbc`, ...; without a name it lists them."""
+    """Long comparisons: `-- sbc`, `-- remarks`, ...; without a name it lists them."""
     scripts = {
-        "mle": "mle_against_bound.py",
-        "theory": "theory_against_monte_carlo.py",
         "front": "front.py",
         "sbc": "sbc.py",
         "posteriors": "posteriors.py",
         "remarks": "remarks.py",
-        "population": "population.py",
         "published": "published.py",
         "recorder": "recorder.py",
         "experiment": "experiment.py",

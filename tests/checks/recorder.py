@@ -32,12 +32,8 @@ from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.remarks import remark_of
 from pilotid.support.types import FloatArray, InputError
 
-#: Claimed errors beyond which an estimate is wrong.
-WRONG = 4.0
-
 Fault = Callable[[Recording, np.random.Generator], Recording]
 ALL = ("e", "u", "x", "ft", "fd")
-MANY = 50  # recordings from which shares are worth printing
 
 
 def each(names: tuple[str, ...], change: Callable[[FloatArray, Recording], FloatArray]) -> Fault:
@@ -414,15 +410,6 @@ def told(fault: str, found: list[Row]) -> tuple[str, bool]:
             f" | rms z {rms:5.1f} {worst} {np.median(by_key[worst]):+.1f} cover "
             f"{100 * covered:3.0f} % off {len(off):3d} silent {len(silent):3d}"
         )
-        wrong = [r for r in found if np.any(np.abs(r.z) > WRONG)]
-        quiet = [r.covered for r in found if r.covered.size and not r.said]
-        if count >= MANY and quiet:
-            error = np.std([np.mean(c) for c in quiet]) / len(quiet) ** 0.5
-            line += (
-                f" | wrong (beyond {WRONG:g}) {len(wrong)} silent "
-                f"{sum(not r.said for r in wrong)}; cover of the {len(quiet)} of which nothing is "
-                f"said {np.mean(np.concatenate(quiet)):.3f} +- {error:.3f}"
-            )
     sizes = {
         code: [r.codes[code] for r in found if code in r.codes] for r in found for code in r.codes
     }

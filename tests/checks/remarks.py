@@ -1,11 +1,10 @@
-"""How often right fits are warned of, and how often faults are named, by code.
+"""How often right fits are warned of, by code; `recorder` tells how often faults are named.
 
     nox -s check -- remarks --recordings 100 [--first 1000] [--only population-usual,zero]
 
 A fit is right if no value is off by more than four claimed errors; what is graded wrong or doubt
 of it, or of its recording, is a false alarm.  `zero` has elements with a zero; `stepped` is a
 generator that shares no code with this one; scenarios named ``NAME*`` are all that begin so.
-Then faults on sound recordings: how often each is named by one of the codes that it may have.
 Last, what is said of the recordings of people that PILOTID_MEASURED names.
 """
 
@@ -15,7 +14,6 @@ import argparse
 import os
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,18 +35,6 @@ STRATA = (
     *(f"population-{n}" for n in ("usual", "exotic", "aperiodic", "short", "recorded")),
     *("zero", "decimals", "bare", "stepped", "violation-*", "recorder-*"),
 )
-LATE = ("late-signal",)
-#: Faults, and the codes of which any names them.
-NAMED = {
-    **dict.fromkeys(("u late 20 ms", "u late 40 ms", "u late 100 ms", "u early 20 ms"), LATE),
-    **dict.fromkeys(("x late a sample", "e late a sample", "ft late a sample"), LATE),
-    **dict.fromkeys(("e, x, ft late a sample", "u causal 5 Hz", "fd late a sample"), LATE),
-    "e and x exchanged": ("exchanged",),
-    "a run copied": ("copied-run",),
-    "gap of 1 s, last": ("lost-samples",),
-    "gap of 4 s, last": ("lost-samples",),
-    "u late 1000 ms": (*LATE, "output-unrelated", "little-explained"),
-}
 
 
 def drawn(
@@ -113,28 +99,6 @@ def false_alarms(name: str, first: int, count: int) -> None:
     )
 
 
-def power(first: int, count: int) -> None:
-    """Print how often faults are named, on signals as recorded and without forcing functions."""
-    forms = {"all": ("ft", "fd"), "ft": ("ft",), "none": ()}
-    for fault, codes in NAMED.items():
-        found: dict[str, list[bool]] = {}
-        for i in range(first, first + count):
-            for stratum in ("population-usual", "zero"):
-                rng = np.random.default_rng([SEED, i])
-                scenario = with_zero(rng) if stratum == "zero" else POPULATIONS[stratum].drawn(rng)
-                whole = FAULTS[fault](simulate(scenario, rng), rng)
-                for form, kept in forms.items():
-                    for known in (False, True):
-                        given = bare(whole, *kept) if form != "all" else whole
-                        text = scenario.element.name if known else ""
-                        given = replace(given, controlled_element=text)
-                        key = f"{stratum.removeprefix('population-')}/{form}/{'named' * known}"
-                        found.setdefault(key, []).append(bool(set(codes) & said_of(given).keys()))
-        print(
-            f"{fault}: " + ", ".join(f"{k} {sum(v)}/{len(v)}" for k, v in found.items()), flush=True
-        )
-
-
 def of_people(folder: Path) -> None:
     """Print what is said of every measured recording."""
     preview = {"t": "time", "u": "inp", "ft": "ref", "fd": "dis", "x": "state"}
@@ -158,13 +122,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--recordings", type=int, default=100)
     parser.add_argument("--first", type=int, default=1000)
-    parser.add_argument("--only", default=",".join((*STRATA, "power", "people")))
+    parser.add_argument("--only", default=",".join((*STRATA, "people")))
     given = parser.parse_args()
     for name in given.only.split(","):
         if name == "people":
             of_people(Path(os.environ["PILOTID_MEASURED"]))
-        elif name == "power":
-            power(given.first, max(1, given.recordings // 5))
         else:
             false_alarms(name, given.first, given.recordings)
 
