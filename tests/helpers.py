@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
-from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.estimate import Estimate, Outcome, symmetric_intervals
 from pilotid.estimate.method import Method, identify
+from pilotid.estimate.quantities import Draws
 from pilotid.likelihood.prediction import Prediction, predict
 from pilotid.model.catalogue import MODELS
 from pilotid.model.element import (
+    ControlledElement,
     double_integrator,
     element_named,
     integrator_with_lag,
@@ -25,110 +29,45 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import Minima
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
-from pilotid.support.types import FloatArray
+from pilotid.support.types import BoolArray, FloatArray
 
 NOMINAL = SCENARIOS["nominal"]
 SINGLE_LOOP = SCENARIOS["single"]
 
 #: What trained pilots flew in Pool, Harder and van Paassen (2016).
 TRAINED = element_named("10.62(s+0.99)/(s(s^2+2.58s+7.61))")
+LAGGED = integrator_with_lag(4.0, 1.5)
+
+
+def pilot(name: str, truth: tuple[float, ...], element: ControlledElement) -> Scenario:
+    """The nominal experiment with a pilot of another model, which names it."""
+    model = MODELS[name].with_element(element)
+    return replace(NOMINAL, name=name, model=model, truth=truth, element=element)
+
+
 #: A pilot of each model of the catalogue, in a stable loop, by the model's name.
 PILOTS = {
     scenario.model.name: scenario
     for scenario in (
         SINGLE_LOOP,
         NOMINAL,
-        replace(
-            NOMINAL,
-            name="gain",
-            model=MODELS["gain"],
-            truth=(0.8, 0.28, 12.0, 0.3),
-            element=single_integrator(2.0),
+        pilot("gain", (0.8, 0.28, 12.0, 0.3), single_integrator(2.0)),
+        pilot("lead-lag", (0.6, 1.0, 0.35, 0.28, 13.0, 0.35), single_integrator(2.0)),
+        pilot("rate", (0.35, 1.1, 0.27, 0.25, 0.18, 11.0, 0.4), double_integrator(4.0)),
+        pilot("lead-lag-motion", (0.7, 1.3, 0.4, 0.24, 0.3, 0.18, 12.0, 0.35), LAGGED),
+        pilot("lead-lag-canals", (0.7, 1.3, 0.4, 0.24, 1.2, 0.18, 12.0, 0.35), LAGGED),
+        pilot("lead2-lag", (0.8, 0.45, 0.8, 0.22, 13.0, 0.35), TRAINED),
+        pilot(
+            "lead2-lag-motion",
+            (4.75 * 0.2865, 0.30, 0.95, 0.22, 3.00 * 0.2865, 0.19, 14.0, 0.30),
+            TRAINED,
         ),
-        replace(
-            NOMINAL,
-            name="lead-lag",
-            model=MODELS["lead-lag"],
-            truth=(0.6, 1.0, 0.35, 0.28, 13.0, 0.35),
-            element=single_integrator(2.0),
-        ),
-        replace(
-            NOMINAL,
-            name="rate",
-            model=MODELS["rate"],
-            truth=(0.35, 1.1, 0.27, 0.25, 0.18, 11.0, 0.4),
-            element=double_integrator(4.0),
-        ),
-        replace(
-            NOMINAL,
-            name="lead-lag-motion",
-            model=MODELS["lead-lag-motion"],
-            truth=(0.7, 1.3, 0.4, 0.24, 0.3, 0.18, 12.0, 0.35),
-            element=integrator_with_lag(4.0, 1.5),
-        ),
-        replace(
-            NOMINAL,
-            name="lead-lag-canals",
-            model=MODELS["lead-lag-canals"],
-            truth=(0.7, 1.3, 0.4, 0.24, 1.2, 0.18, 12.0, 0.35),
-            element=integrator_with_lag(4.0, 1.5),
-        ),
-        replace(
-            NOMINAL,
-            name="lead2-lag",
-            model=MODELS["lead2-lag"],
-            truth=(0.8, 0.45, 0.8, 0.22, 13.0, 0.35),
-            element=TRAINED,
-        ),
-        replace(
-            NOMINAL,
-            name="lead2-lag-motion",
-            model=MODELS["lead2-lag-motion"],
-            truth=(4.75 * 0.2865, 0.30, 0.95, 0.22, 3.00 * 0.2865, 0.19, 14.0, 0.30),
-            element=TRAINED,
-        ),
-        replace(
-            NOMINAL,
-            name="crossover",
-            model=MODELS["crossover"].with_element(single_integrator(2.0)),
-            truth=(2.2, 0.35),
-            element=single_integrator(2.0),
-        ),
-        replace(
-            NOMINAL,
-            name="precision",
-            model=MODELS["precision"],
-            truth=(3.0, 0.25, 1.1, 2.5, 8.0, 0.2, 12.0, 0.4),
-            element=single_integrator(2.0),
-        ),
-        replace(
-            NOMINAL,
-            name="pursuit",
-            model=MODELS["pursuit"],
-            truth=(0.8, 0.35, 0.28, 0.35, 0.16, 0.23, 12.0, 0.35),
-            element=single_integrator(2.0),
-        ),
-        replace(
-            NOMINAL,
-            name="preview",
-            model=MODELS["preview"],
-            truth=(0.3, 1.1, 0.26, 0.9, 0.25, 0.7, 0.06, 0.12, 0.3, 11.0, 0.35),
-            element=integrator_with_lag(4.0, 1.5),
-        ),
-        replace(
-            NOMINAL,
-            name="look-ahead",
-            model=MODELS["look-ahead"],
-            truth=(1.2, 0.35, 1.1, 0.2, 0.2, 10.0, 0.4),
-            element=single_integrator(1.2),
-        ),
-        replace(
-            NOMINAL,
-            name="following",
-            model=MODELS["following"],
-            truth=(0.95, 0.12, 0.21, 12.0, 0.5),
-            element=element_named("1"),
-        ),
+        pilot("crossover", (2.2, 0.35), single_integrator(2.0)),
+        pilot("precision", (3.0, 0.25, 1.1, 2.5, 8.0, 0.2, 12.0, 0.4), single_integrator(2.0)),
+        pilot("pursuit", (0.8, 0.35, 0.28, 0.35, 0.16, 0.23, 12.0, 0.35), single_integrator(2.0)),
+        pilot("preview", (0.3, 1.1, 0.26, 0.9, 0.25, 0.7, 0.06, 0.12, 0.3, 11.0, 0.35), LAGGED),
+        pilot("look-ahead", (1.2, 0.35, 1.1, 0.2, 0.2, 10.0, 0.4), single_integrator(1.2)),
+        pilot("following", (0.95, 0.12, 0.21, 12.0, 0.5), element_named("1")),
     )
 }
 
@@ -142,6 +81,35 @@ def without_remnant(scenario: Scenario) -> Scenario:
 def recording_of(scenario: Scenario, replication: int = 0, seed: int = 1) -> Recording:
     """The recording that a study with this random seed makes of a replication."""
     return simulate(scenario, recording_rng(seed, scenario.name, replication))
+
+
+def estimate_at(
+    model: PilotModel, values: FloatArray, covariance: FloatArray, **fields: Any
+) -> Estimate:
+    """An estimate that nobody made, with intervals as its covariance says."""
+    intervals = symmetric_intervals(values, covariance)
+    known = {"method": "mine", "outcome": Outcome.CONVERGED, **fields}
+    return Estimate(model=model, values=values, covariance=covariance, intervals=intervals, **known)
+
+
+def draws_at(keys: tuple[str, ...], positive: BoolArray, values: FloatArray) -> Draws:
+    """Draws that are independent, shape (draws, parameters)."""
+    count, parameters = values.shape
+    ones, shape = np.ones(parameters), (1, count, 1)
+    return Draws(
+        keys, positive, values, np.zeros(count), shape, count * ones, ones, ones,
+        acceptance=1.0, converged=True,
+    )  # fmt: skip
+
+
+def differences(
+    function: Callable[[FloatArray], FloatArray], point: FloatArray, steps: float | FloatArray
+) -> FloatArray:
+    """Central differences of a function along each coordinate, one behind the other."""
+    ways = np.diag(np.broadcast_to(steps, point.shape))
+    return np.array(
+        [(function(point + way) - function(point - way)) / (2.0 * np.sum(way)) for way in ways]
+    )
 
 
 def fit_of(method: Method, scenario: Scenario, replication: int = 0, seed: int = 1) -> Estimate:
@@ -217,6 +185,12 @@ def running_away(recording: Recording) -> Recording:
     growing = np.exp(0.2 * recording.time) * np.sin(3.0 * recording.time)
     growing *= 3.0 * np.std(recording.u) / np.std(growing)
     return replace(recording, u=recording.u + growing)
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """The rows of a table."""
+    with path.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
 
 
 def strict(text: str) -> Any:

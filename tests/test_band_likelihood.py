@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import PILOTS, predict_circular
+from helpers import PILOTS, differences, predict_circular
 
 from pilotid.bounds import View
 from pilotid.datasets import scenario_named, simulate
@@ -97,15 +97,10 @@ def test_gradients_are_those_of_differences(
     for each in (joint, adjoint, joint.coarse):
         gram = each.gram(values[None])[0]
         steps = 1e-5 * np.maximum(np.abs(values), 1e-3)
-        slopes = []
-        for index, step in enumerate(steps):
-            ends = np.array([values, values])
-            ends[:, index] += (-step, step)
-            low, high = each.gram(ends)[:, -1, -1]
-            slopes.append((high - low) / (2.0 * step))
+        slopes = differences(lambda v, own=each: own.gram(v[None])[0, -1, -1], values, steps)
         # The last column is J'r, half the negative slope.
         size = np.sqrt(np.diag(gram)[:-1] * gram[-1, -1])
-        np.testing.assert_allclose(np.array(slopes) / size, -2.0 * gram[:-1, -1] / size, atol=2e-6)
+        np.testing.assert_allclose(slopes / size, -2.0 * gram[:-1, -1] / size, atol=2e-6)
 
 
 def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> None:

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, SINGLE_LOOP, fit_of, recording_of
+from helpers import NOMINAL, SINGLE_LOOP, estimate_at, fit_of, recording_of
 
-from pilotid.estimate.estimate import Estimate, Outcome, symmetric_intervals
+from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.second_step import (
     MAX_MOVE,
@@ -39,9 +39,7 @@ def held_against(given: Estimate) -> Estimate:
 
 
 def estimate(values: FloatArray, errors: FloatArray) -> Estimate:
-    covariance = np.diag(errors**2)
-    intervals = symmetric_intervals(values, covariance)
-    return Estimate("arx", SINGLE, Outcome.CONVERGED, values, covariance, intervals)
+    return estimate_at(SINGLE, values, np.diag(errors**2), method="arx")
 
 
 def test_the_whitener_of_an_autoregression_is_its_coefficients() -> None:

@@ -7,10 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, PILOTS, SINGLE_LOOP, Run, fit_of, monte_carlo, recording_of, strict
+from helpers import (
+    NOMINAL,
+    PILOTS,
+    SINGLE_LOOP,
+    Run,
+    differences,
+    estimate_at,
+    fit_of,
+    monte_carlo,
+    recording_of,
+    strict,
+)
 
 from pilotid.datasets import Scenario
-from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.estimate.estimate import Outcome, failed
 from pilotid.estimate.loops import margin_slopes, sampled_loops
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.bayes import Bayes
@@ -34,12 +45,6 @@ RESONANT = np.array([0.629, 0.156, 0.2556, 13.36, 0.184])
 ERRORS = np.array([0.018, 0.012, 0.0053, 0.25, 0.021])
 
 
-def estimate_of(values: FloatArray, errors: FloatArray) -> Estimate:
-    covariance = np.diag(errors**2)
-    intervals = symmetric_intervals(values, covariance)
-    return Estimate("by hand", SINGLE, Outcome.CONVERGED, values, covariance, intervals)
-
-
 def gaussian(values: FloatArray, errors: FloatArray, count: int = 400) -> FloatArray:
     return values + errors * np.random.default_rng(5).standard_normal((count, values.size))
 
@@ -53,20 +58,15 @@ def gaussian(values: FloatArray, errors: FloatArray, count: int = 400) -> FloatA
 def test_slopes_of_margins_are_their_differences(scenario: Scenario) -> None:
     model, values, element = scenario.model, scenario.values, scenario.element
     omega = np.geomspace(1.0, 6.0, 20_000)
-    loops = [margin(omega, loop) for loop in open_loops(model, values, element, omega)]
-    for which, own in enumerate(loops):
-        slopes = margin_slopes(model, values, element, own.crossover)[which]
-        for i, value in enumerate(values):
-            step = np.zeros(values.size)
-            step[i] = 1e-4 * value
-            high, low = (
-                margin(omega, open_loops(model, values + k * step, element, omega)[which])
-                for k in (1, -1)
-            )
-            expected = np.array(
-                [high.crossover - low.crossover, high.phase_margin - low.phase_margin]
-            ) / (2.0 * step[i])
-            np.testing.assert_allclose(slopes[:, i], expected, rtol=2e-3, atol=1e-3)
+
+    def margins_at(point: FloatArray) -> FloatArray:
+        loops = [margin(omega, loop) for loop in open_loops(model, point, element, omega)]
+        return np.array([(own.crossover, own.phase_margin) for own in loops])
+
+    expected = differences(margins_at, values, 1e-4 * values)
+    for which, (crossover, _) in enumerate(margins_at(values)):
+        slopes = margin_slopes(model, values, element, crossover)[which]
+        np.testing.assert_allclose(slopes.T, expected[:, which], rtol=2e-3, atol=1e-3)
 
 
 def test_a_pilot_of_the_target_alone_has_no_disturbance_loop() -> None:
@@ -97,7 +97,7 @@ def test_quantities_have_keys_units_and_the_margins_of_the_values() -> None:
 
 def test_the_effective_delay_is_that_of_the_crossover_model_with_its_error() -> None:
     scenario, errors = SINGLE_LOOP, 0.02 * SINGLE_LOOP.values
-    loop = estimate_of(scenario.values, errors).loops(scenario.element).target
+    loop = estimate_at(SINGLE, scenario.values, np.diag(errors**2)).loops(scenario.element).target
     wc, margin_of, late = loop.crossover.value, loop.phase_margin.value, loop.effective_delay
     model = np.exp(-1j * wc * late.value) / 1j
     assert np.degrees(np.angle(model)) + 180.0 == pytest.approx(margin_of)
@@ -110,7 +110,7 @@ def test_the_effective_delay_is_that_of_the_crossover_model_with_its_error() -> 
 
 @pytest.mark.long
 def test_an_estimate_makes_loops_and_transfer_functions_and_draws_them() -> None:
-    own = estimate_of(RESONANT, ERRORS)
+    own = estimate_at(SINGLE, RESONANT, np.diag(ERRORS**2))
     named = [q.value for q in own.loops("15/s^2").quantities]
     assert named == [q.value for q in own.loops(double_integrator(15.0)).quantities]
     above, _ = open_loop(own, "15/s^2")
@@ -173,11 +173,13 @@ def test_draws_keep_to_the_estimate_s_crossing() -> None:
     assert np.abs(np.array(target.crossover.interval) / at.crossover - 1.0).max() < 0.25
     # To first order the same.
     errors = ERRORS * np.array([1.0, 1.0, 1.0, 1.0, 3.0])
-    crossover, phase_margin = estimate_of(RESONANT, errors).loops(element).quantities[:2]
+    crossover, phase_margin = (
+        estimate_at(SINGLE, RESONANT, np.diag(errors**2)).loops(element).quantities[:2]
+    )
     assert crossover.std_error == pytest.approx(target.crossover.std_error, rel=0.2)
     assert phase_margin.std_error == pytest.approx(target.phase_margin.std_error, rel=0.2)
     assert phase_margin.std_error < 10.0
-    loop = estimate_of(RESONANT, ERRORS).loops(element).target
+    loop = estimate_at(SINGLE, RESONANT, np.diag(ERRORS**2)).loops(element).target
     assert loop.notes == [f"the target loop falls through one again at {at.others[0]:.3g} rad/s"]
 
 
@@ -212,7 +214,7 @@ def test_draws_whose_crossing_vanishes_are_left_out_and_counted() -> None:
 
 
 def test_it_is_said_why_there_are_none() -> None:
-    estimate = estimate_of(RESONANT, ERRORS)
+    estimate = estimate_at(SINGLE, RESONANT, np.diag(ERRORS**2))
     weak = estimate.loops(position_control(0.01))
     assert all(np.isnan(q.value) for q in weak.quantities)
     assert weak.notes[0].startswith(
@@ -224,7 +226,7 @@ def test_it_is_said_why_there_are_none() -> None:
 
 
 def test_an_unstable_fitted_loop_is_said_to_be() -> None:
-    estimate = estimate_of(SINGLE_LOOP.values, ERRORS)
+    estimate = estimate_at(SINGLE, SINGLE_LOOP.values, np.diag(ERRORS**2))
     assert estimate.loops(double_integrator(4.0)).remarks == ()
     (remark,) = estimate.loops(double_integrator(6.0)).remarks
     assert "the fitted loop with 6/s^2 is unstable" in remark

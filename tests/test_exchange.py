@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import Run
+from helpers import Run, rows_of
 from test_docs import FENCE
 
 from pilotid.datasets import scenario_named
@@ -81,11 +81,6 @@ def folder(answered: Path, tmp_path: Path) -> Path:
     return tmp_path / "task"
 
 
-def rows_of(folder: Path) -> list[dict[str, str]]:
-    with (folder / "stranger.csv").open(newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
 def write(folder: Path, rows: Iterable[dict[str, str]]) -> None:
     kept = list(rows)
     with (folder / "stranger.csv").open("w", newline="") as stream:
@@ -129,7 +124,9 @@ def test_a_stranger_is_scored_as_the_others(run: Run, folder: Path) -> None:
     own = frame[frame.method == "stranger"].reset_index()
     assert study.replications("single") == 3
     assert own.usable.all()
-    assert np.array_equal(own.value, [float(row["value"]) for row in rows_of(folder)])
+    assert np.array_equal(
+        own.value, [float(row["value"]) for row in rows_of(folder / "stranger.csv")]
+    )
     others = frame[frame.method == "fourier"].reset_index()
     assert np.array_equal(own.truth, others.truth)
     assert np.array_equal(own.bound, others.bound)
@@ -137,7 +134,7 @@ def test_a_stranger_is_scored_as_the_others(run: Run, folder: Path) -> None:
     assert 0.5 < scores.loss < 10.0
     assert "--estimates" in (folder.parent / "out" / "report.md").read_text()
     # Another table of the same method takes the place of the first.
-    write(folder, [row for row in rows_of(folder) if row["replication"] != "1"])
+    write(folder, [row for row in rows_of(folder / "stranger.csv") if row["replication"] != "1"])
     assert compare(run, folder)[0] == 0
     found = read_study(folder.parent / "out")
     scores = found.of("single").loc["stranger"]
@@ -148,7 +145,7 @@ def test_a_stranger_is_scored_as_the_others(run: Run, folder: Path) -> None:
 
 
 def test_what_makes_no_sense_is_a_failure(run: Run, folder: Path) -> None:
-    rows = rows_of(folder)
+    rows = rows_of(folder / "stranger.csv")
     changes = {"value": "", "std_error": "-1", "upper": "0"}
     for replication, (name, text) in enumerate(changes.items()):
         row = next(own for own in rows if own["replication"] == str(replication))
@@ -166,7 +163,7 @@ def test_what_makes_no_sense_is_a_failure(run: Run, folder: Path) -> None:
 
 def test_values_alone_are_enough_and_methods_have_names(run: Run, folder: Path) -> None:
     kept = ("scenario", "replication", "parameter", "value")
-    rows = [{name: row[name] for name in kept} for row in rows_of(folder)]
+    rows = [{name: row[name] for name in kept} for row in rows_of(folder / "stranger.csv")]
     write(folder, [row | {"method": label} for label in ("a", "b") for row in rows])
     assert compare(run, folder)[0] == 0
     scores = read_study(folder.parent / "out").of("single")
@@ -187,7 +184,7 @@ def test_values_alone_are_enough_and_methods_have_names(run: Run, folder: Path) 
     ],
 )
 def test_wrong_tables_are_refused(run: Run, folder: Path, name: str, text: str, words: str) -> None:
-    first, *rest = rows_of(folder)
+    first, *rest = rows_of(folder / "stranger.csv")
     write(folder, [{"method": "mine", **row} for row in ({**first, name: text}, *rest)])
     if name == "method":
         write(folder, [{**row, name: text} for row in (first, *rest)])

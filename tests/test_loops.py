@@ -7,7 +7,7 @@ from collections.abc import Callable
 import control
 import numpy as np
 import pytest
-from helpers import NOMINAL, PILOTS, SINGLE_LOOP
+from helpers import NOMINAL, PILOTS, SINGLE_LOOP, differences
 
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.element import (
@@ -113,14 +113,10 @@ def test_rise_through_one_is_no_crossover() -> None:
 def test_slopes_of_loops_are_their_differences(model: PilotModel) -> None:
     values, element = VALUES[model.name], double_integrator(4.0)
     found = loop_slopes(model, values, element, OMEGA)
-    for i, value in enumerate(values):
-        step = np.zeros(values.size)
-        step[i] = 1e-6 * value
-        above, below = (open_loops(model, values + k * step, element, OMEGA) for k in (1, -1))
-        for slope, high, low in zip(found, above, below, strict=True):
-            np.testing.assert_allclose(
-                slope[i], np.log(high / low) / (2.0 * step[i]), rtol=1e-5, atol=1e-6
-            )
+    expected = differences(
+        lambda v: np.log(open_loops(model, v, element, OMEGA)), values, 1e-6 * values
+    )
+    np.testing.assert_allclose(np.swapaxes(found, 0, 1), expected, rtol=1e-5, atol=1e-6)
 
 
 def test_loop_without_crossover_has_no_margin() -> None:

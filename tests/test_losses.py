@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections import defaultdict
 from collections.abc import Sequence
@@ -12,17 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import rows_of
 from stores import KEYS, comparison, drawn, failed, finish
 
 from pilotid.study import scores
 from pilotid.study.scores import ALL, LOSS, loss_ratios
 from pilotid.study.table import Comparison, Fit, Verdict, judge
 from pilotid.support.types import FloatArray
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 def fits_of(errors: FloatArray, claims: float = 1.0, *, lost: Sequence[int] = ()) -> list[Fit]:

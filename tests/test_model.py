@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, SINGLE_LOOP
+from helpers import NOMINAL, SINGLE_LOOP, differences
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.warnings import made_for, motionless_input
@@ -108,37 +108,14 @@ def test_jacobian_of_a_model_equals_central_differences(model: PilotModel) -> No
     for point in points(model.parameters, 4, seed=3):
         jacobian = model.response_and_jacobian(OMEGA, point)[1]
         assert jacobian.shape == (len(model.channels), len(point), OMEGA.size)
-        for index in range(len(point)):
-            h = np.zeros_like(point)
-            h[index] = 1e-4 * point[index]
-            # Five points, so that the difference itself errs by the fourth power of the step.
-            expected = (
-                8.0 * (model.response(OMEGA, point + h) - model.response(OMEGA, point - h))
-                - (model.response(OMEGA, point + 2 * h) - model.response(OMEGA, point - 2 * h))
-            ) / (12.0 * h[index])
-            scale = np.abs(model.response(OMEGA, point)) / point[index]
-            assert np.all(np.abs(jacobian[:, index] - expected) <= 1e-7 * scale)
-
-
-def test_product_rule_by_hand() -> None:
-    model = PilotModel("hand", (Channel("only", "error", 1, (Gain("K"), Lead("T"))),))
-    # At w = 2: 3 (1 + 0.5 * 2j) = 3 + 3j, by K: 1 + 1j, by T: 3 * 2j
-    omega, values = np.array([2.0]), np.array([3.0, 0.5])
-    np.testing.assert_allclose(model.response(omega, values), [[3.0 + 3.0j]], rtol=1e-12)
-    np.testing.assert_allclose(
-        model.response_and_jacobian(omega, values)[1], [[[1.0 + 1.0j], [6.0j]]], rtol=1e-9
-    )
-
-
-def test_differentiator_multiplies_response_and_jacobian_by_hand() -> None:
-    factors = (Differentiator(1), Gain("K"), Lead("T"))
-    model = PilotModel("hand", (Channel("only", "output", -1, factors),))
-    omega, values = np.array([2.0]), np.array([3.0, 0.5])
-    # Without the channel's sign, which belongs to the sum.
-    np.testing.assert_allclose(model.response(omega, values), [[-6.0 + 6.0j]], rtol=1e-12)
-    np.testing.assert_allclose(
-        model.response_and_jacobian(omega, values)[1], [[[-2.0 + 2.0j], [-12.0]]], rtol=1e-9
-    )
+        # Of two steps, so that the difference itself errs by the fourth power of the step.
+        whole, twice = (
+            differences(lambda v: model.response(OMEGA, v), point, step * point)
+            for step in (1e-4, 2e-4)
+        )
+        expected = (4.0 * whole - twice) / 3.0
+        scale = np.abs(model.response(OMEGA, point)) / point[:, None, None]
+        assert np.all(np.abs(jacobian.swapaxes(0, 1) - expected) <= 1e-7 * scale)
 
 
 def test_parameter_used_twice_in_a_channel_by_hand() -> None:
@@ -163,13 +140,6 @@ def test_multi_response_is_the_formula_of_the_paper() -> None:
     vestibular = s**2 * canals * 1.59 * np.exp(-0.29 * s) * neuromuscular
     response = MULTI.response(OMEGA, NOMINAL.values)
     np.testing.assert_allclose(response, [visual, vestibular], rtol=1e-12)
-
-
-def test_single_response_is_the_formula_of_the_paper() -> None:
-    s = 1j * OMEGA
-    neuromuscular = 12.0**2 / (12.0**2 + 2.0 * 0.3 * 12.0 * s + s**2)
-    visual = 0.32 * (1.0 + 1.68 * s) * np.exp(-0.39 * s) * neuromuscular
-    np.testing.assert_allclose(SINGLE.response(OMEGA, SINGLE_LOOP.values), [visual], rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, PILOTS
+from helpers import NOMINAL, PILOTS, estimate_at, recording_of
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pilotid.datasets import scenario_named, simulate
-from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.quantities import FrequencyResponse, RemnantEstimate
 from pilotid.methods.fourier import first_step_of
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
@@ -22,10 +20,7 @@ from pilotid.plots import plots
 from pilotid.recording.recording import Recording
 from pilotid.support.types import FloatArray, InputError
 
-
-@cache
-def recording() -> Recording:
-    return simulate(scenario_named("nominal"), np.random.default_rng(1))
+RECORDING = recording_of(NOMINAL)
 
 
 def estimate(
@@ -37,15 +32,7 @@ def estimate(
     """An estimate at a pilot's truth with errors that are not correlated, 1 % of the values."""
     values = PILOTS[model.name].values
     covariance = np.diag((0.01 * values if errors is None else errors) ** 2)
-    return Estimate(
-        method,
-        model,
-        Outcome.CONVERGED,
-        values,
-        covariance,
-        symmetric_intervals(values, covariance),
-        **fields,  # type: ignore[arg-type]
-    )
+    return estimate_at(model, values, covariance, method=method, **fields)
 
 
 def first_step(model: PilotModel = MULTI) -> FrequencyResponse:
@@ -84,9 +71,9 @@ def band(axes: Axes, at: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def test_the_model_s_response_is_drawn_over_the_recorded_control() -> None:
     axes = new_axes()
-    assert plots.signals(recording(), estimate(), band=True, axes=axes) is axes
+    assert plots.signals(RECORDING, estimate(), band=True, axes=axes) is axes
     time, control = line(axes, "recorded")
-    np.testing.assert_array_equal(control, recording().window(recording().u)[0])
+    np.testing.assert_array_equal(control, RECORDING.window(RECORDING.u)[0])
     assert time[0] == 0.0
     scored, response = line(axes, "mle")
     left = np.interp(scored, time, control) - response
@@ -97,7 +84,7 @@ def test_the_model_s_response_is_drawn_over_the_recorded_control() -> None:
 
 def test_a_failed_estimate_costs_the_others_nothing() -> None:
     lost = failed("mmle3", MULTI, Outcome.NEGATIVE_DELAY)
-    axes = plots.signals(recording(), lost, estimate(), axes=new_axes())
+    axes = plots.signals(RECORDING, lost, estimate(), axes=new_axes())
     assert [own.get_label() for own in axes.get_lines()] == ["recorded", "mle"]
 
 
@@ -116,9 +103,9 @@ def test_the_curve_is_the_model_s_response() -> None:
 
 
 def test_all_channels_are_drawn_with_the_coefficients_of_the_recording() -> None:
-    axes = plots.describing_function(estimate(), points=recording())
+    axes = plots.describing_function(estimate(), points=RECORDING)
     assert len(axes) == 2 * len(MULTI.channels)
-    known = first_step_of(recording(), MULTI)
+    known = first_step_of(RECORDING, MULTI)
     assert known is not None
     for index, above in enumerate(axes[::2]):
         assert above.get_title(loc="left") == f"{MULTI.channels[index].name} channel"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -11,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from helpers import rows_of
 from pandas import DataFrame
 
 import pilotid
@@ -110,11 +110,6 @@ def fits_of(folder: Path, method: str) -> list[Fit]:
         return [fit for fit in store.fits() if fit.method == method]
 
 
-def rows(folder: Path, name: str) -> list[dict[str, str]]:
-    with (folder / name).open(newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
 @pytest.mark.long
 def test_any_number_of_workers_and_any_stop_give_the_same_bytes(
     finished: Path, tmp_path: Path
@@ -192,7 +187,7 @@ def test_wrong_optima_are_found_by_the_study(finished: Path, tmp_path: Path) -> 
 
 
 def test_strata_and_parameters_stand_in_the_table(finished: Path) -> None:
-    table = rows(finished, "population.csv")
+    table = rows_of(finished / "population.csv")
     own = [r for r in table if r["method"] == "fake" and r["parameter"] == "all"]
     assert {r["stratum"] for r in own} >= {"all", "model", "element", "remnant", "level", "rate"}
     for stratum in {r["stratum"] for r in own}:
@@ -210,7 +205,7 @@ def test_strata_and_parameters_stand_in_the_table(finished: Path) -> None:
 
 
 def test_the_summary_leaves_empty_what_needs_one_truth(finished: Path) -> None:
-    for row in rows(finished, "summary.csv"):
+    for row in rows_of(finished / "summary.csv"):
         assert row["scenario"] == "quick"
         for column in ("truth", "bias", "bias_se", "bias_percent", "std", "rmse", "crlb"):
             assert row[column] == ""

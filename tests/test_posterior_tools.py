@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import draws_at
 from scipy import stats
 
 from pilotid.estimate.quantities import Draws, shortest_interval
@@ -198,20 +199,8 @@ def test_ensembles_that_disagree_are_found_out() -> None:
 
 
 def draws_of(values: FloatArray) -> Draws:
-    count, parameters = values.shape
-    ones = np.ones(parameters)
-    return Draws(
-        tuple("abcdefg"[:parameters]),
-        np.array([True, False, False][:parameters]),
-        values,
-        np.zeros(count),
-        (1, count, 1),
-        count * ones,
-        ones,
-        ones,
-        acceptance=1.0,
-        converged=True,
-    )
+    keys = tuple("abcdefg"[: values.shape[1]])
+    return draws_at(keys, np.array([True, False]), values)
 
 
 def test_intervals_are_those_of_known_distributions() -> None:

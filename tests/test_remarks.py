@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import draws_at, estimate_at
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.estimate.estimate import Estimate, Outcome, symmetric_intervals
+from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import identify
-from pilotid.estimate.quantities import Draws
 from pilotid.estimate.warnings import one_signal, remarks_on
 from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
@@ -42,8 +42,7 @@ def estimate_of(
         i, j = (model.keys.index(key) for key in correlated[:2])
         correlation[i, j] = correlation[j, i] = correlated[2]
     covariance = correlation * np.outer(error, error)
-    intervals = symmetric_intervals(vector, covariance)
-    return Estimate("mine", model, Outcome.CONVERGED, vector, covariance, intervals, vaf=80.0)
+    return estimate_at(model, vector, covariance, vaf=80.0)
 
 
 def with_interval(estimate: Estimate, key: str, low: float, high: float) -> Estimate:
@@ -83,19 +82,7 @@ def test_correlations_come_from_the_draws_where_there_are_some() -> None:
     inner[:, 0] += common
     inner[:, 1] -= common
     estimate = estimate_of(SINGLE)
-    ones = np.ones(5)
-    draws = Draws(
-        SINGLE.keys,
-        SINGLE.positive,
-        estimate.values * np.exp(inner),
-        np.zeros(4000),
-        (1, 4000, 1),
-        4000.0 * ones,
-        ones,
-        ones,
-        acceptance=1.0,
-        converged=True,
-    )
+    draws = draws_at(SINGLE.keys, SINGLE.positive, estimate.values * np.exp(inner))
     (pair,) = replace(estimate, draws=draws).inseparable
     assert (pair.first, pair.second) == ("Kvis", "tlead")
     assert pair.correlation < -0.95

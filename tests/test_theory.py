@@ -216,7 +216,7 @@ def test_the_limit_is_stationary_in_recordings_and_its_scores_have_the_covarianc
 
 @pytest.mark.long
 def test_estimates_scatter_around_the_limit_as_the_sandwich_says() -> None:
-    """A remnant whose limit a recording of 8 periods is close to; see checks for others."""
+    """A remnant whose limit a recording of 8 periods is close to."""
     replications = 40
     scenario = with_remnant(Remnant(2, 12.7, 0.26, 0.15, "ratio"), 8)
     limit = white_limit(experiment_of(scenario))

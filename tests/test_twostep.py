@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
-from helpers import NOMINAL, PILOTS
+from helpers import NOMINAL, PILOTS, recording_of
 from scipy.optimize import approx_fprime
 
-from pilotid.datasets import scenario_named, simulate
 from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.quantities import FrequencyResponse, circular, real_parts
 from pilotid.likelihood.second_step import ResponseFit, second_step
 from pilotid.model.catalogue import MULTI, SINGLE
 from pilotid.model.model import PilotModel
-from pilotid.recording.recording import Recording
 from pilotid.support.types import ComplexArray, FloatArray
 
 pytestmark = pytest.mark.numerical
 
 OMEGA = np.geomspace(0.4, 17.0, 20)
 TRUTH = NOMINAL.values
-
-
-@cache
-def recording() -> Recording:
-    return simulate(scenario_named("nominal"), np.random.default_rng(1))
+RECORDING = recording_of(NOMINAL)
 
 
 def with_errors(
@@ -73,7 +65,7 @@ def test_rows_are_the_derivatives_of_the_whitened_residual() -> None:
 def test_exact_responses_give_the_exact_parameters() -> None:
     size = np.abs(MULTI.response(OMEGA, TRUTH)).ravel()
     response = with_errors(MULTI, some_covariance(size, 0.6), np.zeros(40))
-    estimate = second_step("test", recording(), MULTI, response, np.random.default_rng(1))
+    estimate = second_step("test", RECORDING, MULTI, response, np.random.default_rng(1))
     assert estimate.outcome is Outcome.CONVERGED
     np.testing.assert_allclose(estimate.values, TRUTH, rtol=1e-6)
     assert estimate.frequency_response is response
@@ -91,13 +83,13 @@ def test_scatter_is_the_claimed_covariance(correlation: float) -> None:
     for _ in range(runs):
         noise = rng.standard_normal((2, size.size)) / np.sqrt(2.0)
         response = with_errors(MULTI, covariance, root @ (noise[0] + 1j * noise[1]))
-        estimate = second_step("test", recording(), MULTI, response, rng)
+        estimate = second_step("test", RECORDING, MULTI, response, rng)
         values.append(estimate.values)
         low, high = estimate.intervals.T
         held.append((low <= TRUTH) & (high >= TRUTH))
     # The claim at the truth: claims at the estimates scatter with them.
     exact = with_errors(MULTI, covariance, np.zeros(size.size))
-    claimed = second_step("test", recording(), MULTI, exact, rng).std_error
+    claimed = second_step("test", RECORDING, MULTI, exact, rng).std_error
     # A standard deviation from 150 runs is known to 6 %, a coverage to 1.8 %.
     np.testing.assert_allclose(np.std(values, axis=0) / claimed, 1.0, atol=0.18)
     assert np.all(np.abs(np.mean(held, axis=0) - 0.95) < 0.055)
@@ -120,13 +112,13 @@ def test_claimed_errors_grow_where_the_model_cannot_follow() -> None:
     bend = 1.0 + 0.3 * np.sin(8.0 * np.log(OMEGA))
     errors = (MULTI.response(OMEGA, TRUTH) * (bend - 1.0)).ravel()
     rng = np.random.default_rng(1)
-    good = second_step("t", recording(), MULTI, with_errors(MULTI, covariance, 0 * errors), rng)
-    bad = second_step("t", recording(), MULTI, with_errors(MULTI, covariance, errors), rng)
+    good = second_step("t", RECORDING, MULTI, with_errors(MULTI, covariance, 0 * errors), rng)
+    bad = second_step("t", RECORDING, MULTI, with_errors(MULTI, covariance, errors), rng)
     assert np.all(bad.std_error > 2.0 * good.std_error)
 
 
 def test_too_few_responses_are_refused_with_the_reason() -> None:
     few = FrequencyResponse(OMEGA[:2], np.ones((1, 2), dtype=complex), np.eye(4))
-    estimate = second_step("test", recording(), SINGLE, few, np.random.default_rng(1))
+    estimate = second_step("test", RECORDING, SINGLE, few, np.random.default_rng(1))
     assert estimate.outcome is Outcome.NOT_APPLICABLE
     assert "4 independent numbers" in estimate.message

@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers import NOMINAL, estimate_at, recording_of
 
-from pilotid.datasets import scenario_named, simulate
-from pilotid.estimate.estimate import Estimate, Outcome, symmetric_intervals
+from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.method import identify
 from pilotid.likelihood.diagnostics import portmanteau
 from pilotid.likelihood.estimates import correlations, prediction_errors
@@ -17,31 +17,28 @@ from pilotid.likelihood.optimum import Optimum
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods.mle import MLE
 from pilotid.model.catalogue import MODELS, MULTI
-from pilotid.recording.recording import Recording
 
 pytestmark = pytest.mark.numerical
 
 
-@cache
-def recording() -> Recording:
-    return simulate(scenario_named("nominal"), np.random.default_rng(1))
+RECORDING = recording_of(NOMINAL)
 
 
 @cache
 def found() -> Optimum:
-    return maximise_likelihood(recording(), MULTI, np.random.default_rng(2), MLE())
+    return maximise_likelihood(RECORDING, MULTI, np.random.default_rng(2), MLE())
 
 
 @cache
 def estimate() -> Estimate:
-    own = identify(MLE(), recording(), MULTI, np.random.default_rng(2))
+    own = identify(MLE(), RECORDING, MULTI, np.random.default_rng(2))
     values = found().end.values[0, : found().joint.pilot_count]
     return replace(own, values=values, remnant=found().remnant)
 
 
 def test_they_are_those_of_the_likelihood() -> None:
     errors = found().joint.rows(found().end.values[:1])[0, -1]
-    own = prediction_errors(recording(), estimate())
+    own = prediction_errors(RECORDING, estimate())
     assert own.errors.shape == errors.shape
     assert own.dt == pytest.approx(found().joint.prediction.dt)
     # Nuisance terms that the fit left out are projected out here: that is all the difference.
@@ -51,11 +48,11 @@ def test_they_are_those_of_the_likelihood() -> None:
 
 
 def test_without_a_model_of_the_remnant_one_is_chosen_that_whitens() -> None:
-    own = prediction_errors(recording(), replace(estimate(), remnant=None))
+    own = prediction_errors(RECORDING, replace(estimate(), remnant=None))
     # 40 lags; the residual itself is far from white.
     assert portmanteau(own.errors, np.ones(own.errors.shape[1] // 2 + 1), 40)[0] < 100.0
     assert np.std(own.errors) == pytest.approx(
-        np.std(prediction_errors(recording(), estimate()).errors), rel=0.1
+        np.std(prediction_errors(RECORDING, estimate()).errors), rel=0.1
     )
 
 
@@ -69,18 +66,10 @@ def test_correlations_on_numbers_worked_out_by_hand() -> None:
 
 def test_a_target_that_was_not_recorded_is_an_input_all_the_same() -> None:
     model = MODELS["pursuit"]
-    covariance = np.diag((0.1 * model.start) ** 2)
-    found = Estimate(
-        "mine",
-        model,
-        Outcome.CONVERGED,
-        model.start,
-        covariance,
-        symmetric_intervals(model.start, covariance),
-    )
+    found = estimate_at(model, model.start, np.diag((0.1 * model.start) ** 2))
     both = (
-        prediction_errors(recording(), found),
-        prediction_errors(replace(recording(), ft=None), found),
+        prediction_errors(RECORDING, found),
+        prediction_errors(replace(RECORDING, ft=None), found),
     )
     for own in both:
         assert list(own.inputs) == ["e", "ft"]
