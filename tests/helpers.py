@@ -17,6 +17,8 @@ from pilotid.estimate.estimate import Estimate, Outcome, symmetric_intervals
 from pilotid.estimate.method import Method, identify
 from pilotid.estimate.quantities import Draws
 from pilotid.likelihood.prediction import Prediction, predict
+from pilotid.methods import METHODS
+from pilotid.methods.bayes import Bayes
 from pilotid.model.catalogue import MODELS
 from pilotid.model.element import (
     ControlledElement,
@@ -27,7 +29,7 @@ from pilotid.model.element import (
 )
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.least_squares import Minima
+from pilotid.solve.least_squares import Box, Minima
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.types import BoolArray, FloatArray
 
@@ -70,6 +72,14 @@ PILOTS = {
         pilot("following", (0.95, 0.12, 0.21, 12.0, 0.5), element_named("1")),
     )
 }
+
+
+#: Every method with settings that promise the same, where the usual ones take seconds.
+QUICK = [
+    # Of nonsense it draws as much as it may.
+    replace(method, effective=100.0, most=100) if isinstance(method, Bayes) else method
+    for method in METHODS.values()
+]
 
 
 def without_remnant(scenario: Scenario) -> Scenario:
@@ -237,6 +247,11 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
         scored=length,
         nuisance_poles=(),
     )
+
+
+def plane(lower: float = -50.0, upper: float = 50.0) -> Box:
+    """The bounds of two parameters on a linear scale."""
+    return Box(np.full(2, lower), np.full(2, upper), np.zeros(2, dtype=bool))
 
 
 def minima_at(values: FloatArray, cost: FloatArray, information: float = 1.0) -> Minima:

@@ -52,14 +52,14 @@ def test_a_search_does_not_go_to_the_inverse_of_the_element(measured: Path, meth
     assert estimate.vaf > 50.0
 
 
-@pytest.mark.parametrize("name", ["preview", "pursuit"])
+@pytest.mark.parametrize("name", [pytest.param("preview", marks=pytest.mark.long), "pursuit"])
 def test_what_is_no_pilot_did_not_converge(measured: Path, name: str) -> None:
     recording = preview_runs(measured / "preview-gy", "gy", "fo")
     estimate = identify("mle", recording, name)
     assert not estimate.outcome.usable or estimate.vaf > 40.0
 
 
-@pytest.mark.parametrize("method", ["mle", "mle-reference"])
+@pytest.mark.parametrize("method", ["mle", pytest.param("mle-reference", marks=pytest.mark.long)])
 def test_the_decay_of_a_lag_that_outlasts_the_run_in_is_no_bias(method: str) -> None:
     fits = [fit_of(method_named(method), SLOW, i) for i in range(8)]
     errors = np.array([(fit.values - SLOW.values) / fit.std_error for fit in fits])

@@ -308,10 +308,9 @@ def test_intervals_of_when_go_to_the_joint_level_of_two_parameters() -> None:
     for key, level in (("tlead2", 3.841), ("tmid", 5.991), ("rate", 5.991)):
         which = ADAPTING.keys.index(key)
         for value in intervals[which]:
-            lower, upper = joint.lower.copy(), joint.upper.copy()
-            lower[which] = upper[which] = value
-            start = np.clip(end.values[:1], lower, upper)
-            held = minimise(joint.gram, start, Box(lower, upper, joint.positive), tolerance=1e-5)
+            space = Box.holding(joint, which, value)
+            start = np.clip(end.values[:1], space.lower, space.upper)
+            held = minimise(joint.gram, start, space, tolerance=1e-5)
             deviance = freedom * np.log(held.cost[0] / end.cost[0]) / found.variance_factor
             assert deviance == pytest.approx(level, rel=0.1)
 

@@ -70,7 +70,9 @@ def test_a_fault_is_told_once_and_nothing_is_made_of_what_follows_from_it(
     assert what not in ("late", "early") or chosen_element(recording).origin != SIGNALS
 
 
-@pytest.mark.parametrize("condition", ["C1", "C2", "C3", "C6"])
+@pytest.mark.parametrize(
+    "condition", ["C1", "C6", *(pytest.param(c, marks=pytest.mark.long) for c in ("C2", "C3"))]
+)
 def test_faults_of_measured_recordings_are_told_alone(measured: Path, condition: str) -> None:
     file = measured / "yaw" / f"ae2224I_measurement_data_subj1_{condition}.mat"
     recording = of_runs(load_recording(file), [1, 2], "")

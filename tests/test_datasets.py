@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -309,6 +309,7 @@ class Exact:
 
 
 Signal = Callable[[FloatArray], FloatArray]
+Factors = Sequence[list[float]]
 
 
 def nothing(time: FloatArray) -> FloatArray:
@@ -347,7 +348,7 @@ def time_domain(
     signals = {name: np.zeros(time.size) for name in ("e", "x", "acceleration")}
     signals["ft"] = fine_samples(scenario.target, time)
     fd, u = fine_samples(scenario.disturbance, time), remnant(time)
-    paths = (other_paths if scenario.model.name in OTHERS else paths_of)(scenario, step)
+    paths = paths_of(scenario, step)
     element = scenario.element
     vehicle = Exact(list(element.numerator), list(element.denominator), step)
     block = min((late for given, _, late in paths if given != "ft"), default=time.size)
@@ -397,72 +398,52 @@ def test_simulation_agrees_with_an_independent_one_in_the_time_domain(
 
 
 def paths_of(scenario: Scenario, step: float) -> list[tuple[str, Exact, int]]:
-    """By hand, the paths of a pilot: input, transfer, delay."""
+    """By hand, the paths of a pilot: input, transfer, delay; a negative one is ahead."""
     v = dict(zip(scenario.model.keys, scenario.truth, strict=True))
-    ff = v["fnm"] ** 2
+    if scenario.model.name == "crossover":  # of 2/s
+        return [("e", Exact([v["wc"] / 2.0], [1.0], step), round(v["tde"] / step))]
+    ff, lead, rate = v["fnm"] ** 2, [v.get("tlead", 0.0), 1.0], [1.0, 0.0]
     muscle = [1.0, 2.0 * v["dnm"] * v["fnm"], ff]
-    lead = [v["tlead"], 1.0]
 
-    def path(name: str, top: list[list[float]], bottom: list[list[float]], late: str) -> None:
-        above, below = np.array([ff]), np.array(muscle)
+    def path(
+        on: str, gain: float, late: float, top: Factors = (), bottom: Factors = ()
+    ) -> tuple[str, Exact, int]:
+        above, below = np.array([gain * ff]), np.array(muscle)
         for factor in top:
             above = np.polymul(above, factor)
         for factor in bottom:
             below = np.polymul(below, factor)
-        found.append((name, Exact(above.tolist(), below.tolist(), step), round(v[late] / step)))
-
-    found: list[tuple[str, Exact, int]] = []
-    leads = [lead, lead] if scenario.model.name.startswith("lead2") else [lead]
-    lags = [[v["tlag"], 1.0]] if "tlag" in v else []
-    path("e", [[v["Kvis"]], *leads], lags, "tdvis")
-    if "Km" in v:
-        path("x", [[-v["Km"]], [1.0, 0.0]], [], "tdm")
-    if "Kvest" in v and scenario.element.denominator == (1.0, 0.0, 0.0):  # which may jump
-        path("acceleration", [[-v["Kvest"]], [0.1, 1.0]], [[6.0, 1.0]], "tdvest")
-    elif "Kvest" in v:
-        path("x", [[-v["Kvest"]], [0.1, 1.0], [1.0, 0.0, 0.0]], [[6.0, 1.0]], "tdvest")
-    if "Kt" in v:
-        path("ft", [[v["Kt"]], [1.0, 0.0]], [[v["tlagt"], 1.0]], "tdt")
-    return found
-
-
-def other_paths(scenario: Scenario, step: float) -> list[tuple[str, Exact, int]]:
-    """The paths of other pilots; a negative delay is ahead."""
-    v = dict(zip(scenario.model.keys, scenario.truth, strict=True))
-    if scenario.model.name == "crossover":  # of 2/s
-        return [("e", Exact([v["wc"] / 2.0], [1.0], step), round(v["tde"] / step))]
-    ff = v["fnm"] ** 2
-    muscle = [1.0, 2.0 * v["dnm"] * v["fnm"], ff]
-
-    def path(
-        name: str, top: list[float], bottom: list[float], late: float
-    ) -> tuple[str, Exact, int]:
-        below = np.polymul(bottom, muscle).tolist()
-        return name, Exact([ff * c for c in top], below, step), round(late / step)
+        return on, Exact(above.tolist(), below.tolist(), step), round(late / step)
 
     match scenario.model.name:
         case "preview":
-            lead = np.array([v["tlead"], 1.0])
+            far, near = ([v[key], 1.0] for key in ("tlagf", "tlagn"))
             return [
-                path(
-                    "ft",
-                    (v["Kvis"] * v["Kf"] * lead).tolist(),
-                    [v["tlagf"], 1.0],
-                    v["tdvis"] - v["tlookf"],
-                ),
-                path("x", (-v["Kvis"] * lead).tolist(), [1.0], v["tdvis"]),
-                path("ft", [v["Kn"], 0.0], [v["tlagn"], 1.0], v["tdvis"] - v["tlookn"]),
+                path("ft", v["Kvis"] * v["Kf"], v["tdvis"] - v["tlookf"], [lead], [far]),
+                path("x", -v["Kvis"], v["tdvis"], [lead]),
+                path("ft", v["Kn"], v["tdvis"] - v["tlookn"], [rate], [near]),
             ]
         case "look-ahead":
             return [
-                path("ft", [v["Kt"]], [1.0], -v["tlook"]),
-                path("x", [-v["Kvis"]], [v["tlag"], 1.0], v["tdvis"]),
+                path("ft", v["Kt"], -v["tlook"]),
+                path("x", -v["Kvis"], v["tdvis"], [], [[v["tlag"], 1.0]]),
             ]
-        case "precision":
-            leads = np.polymul([v["tlead"], 1.0], [v["tleadlow"], 1.0])
-            lags = np.polymul([v["tlag"], 1.0], [v["tlaglow"], 1.0])
-            return [path("e", (v["Kvis"] * leads).tolist(), lags.tolist(), v["tdvis"])]
-    return [path("ft", [v["Kt"]], [v["tlagt"], 1.0], v["tdt"])]
+        case "following":
+            return [path("ft", v["Kt"], v["tdt"], [], [[v["tlagt"], 1.0]])]
+    leads = [lead, lead] if scenario.model.name.startswith("lead2") else [lead]
+    leads += [[v[key], 1.0] for key in ("tleadlow",) if key in v]
+    lags = [[v[key], 1.0] for key in ("tlag", "tlaglow") if key in v]
+    found = [path("e", v["Kvis"], v["tdvis"], leads, lags)]
+    if "Km" in v:
+        found.append(path("x", -v["Km"], v["tdm"], [rate]))
+    if "Kvest" in v:  # on the acceleration itself where that may jump
+        jumps = scenario.element.denominator == (1.0, 0.0, 0.0)
+        on, rates = ("acceleration", []) if jumps else ("x", [rate, rate])
+        canals = [[0.1, 1.0], *rates]
+        found.append(path(on, -v["Kvest"], v["tdvest"], canals, [[6.0, 1.0]]))
+    if "Kt" in v:
+        found.append(path("ft", v["Kt"], v["tdt"], [rate], [[v["tlagt"], 1.0]]))
+    return found
 
 
 OTHERS = ["preview", "look-ahead", "following", "crossover", "precision"]

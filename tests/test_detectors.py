@@ -100,16 +100,12 @@ def test_a_shift_explains_that_the_error_is_not_target_less_output() -> None:
 @pytest.mark.parametrize("fault", ["all zero-phase 3 Hz", "all linear, every 5th"])
 def test_a_fit_ends_where_a_filter_left_nothing(fault: str) -> None:
     """Before, delays were off by 20 claimed errors and more."""
-    scenario = SCENARIOS["nominal"]
-    off = []
-    for seed in (3, 4):
-        recording = faulty(fault, seed)
-        estimate = identify(
-            method_named("mle"), recording, scenario.model, np.random.default_rng(seed)
-        )
-        assert estimate.band is not None
-        assert 8.0 < band_end(recording) < 30.0
-        off.append((estimate.values - scenario.values) / estimate.std_error)
+    scenario, recording = SCENARIOS["nominal"], faulty(fault)
+    rng = np.random.default_rng(3)
+    estimate = identify(method_named("mle"), recording, scenario.model, rng)
+    assert estimate.band is not None
+    assert 8.0 < band_end(recording) < 30.0
+    off = (estimate.values - scenario.values) / estimate.std_error
     assert np.abs(off).max() < 4.0
     assert math.sqrt(np.mean(np.square(off))) < 1.6
 

@@ -77,7 +77,7 @@ class Point(MLEWhite):
 def study(tmp_path_factory: pytest.TempPathFactory) -> Comparison:
     folder: Path = tmp_path_factory.mktemp("fair")
     methods = [Fourier(), Never(), Shy(), Picky(), Point()]
-    return Study(SCENARIOS, methods, 20, 3).run_in(folder, 2)
+    return Study(SCENARIOS, methods, 12, 3).run_in(folder, 2)
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)

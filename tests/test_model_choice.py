@@ -171,6 +171,7 @@ def test_conditions_that_are_compared_have_one_model(
     assert choose_jointly(conditions, MODELS)[0] == taken
 
 
+@pytest.mark.long
 def test_subjects_in_two_vehicles_have_the_model_of_the_publication(measured: Path) -> None:
     """A lag in one of the two would take the delays of some subjects to zero."""
     held = {
@@ -250,7 +251,11 @@ def test_a_model_without_input_is_left_out() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["look-ahead", "pursuit", "lead2-lag-motion", "lead-lag-canals", "single", "multi"]
+    "name",
+    [
+        *("look-ahead", "single", "multi"),
+        *(pytest.param(name, marks=pytest.mark.long) for name in ("pursuit", "lead2-lag-motion")),
+    ],
 )
 def test_all_models_that_the_signals_allow_are_tried_and_the_others_named(name: str) -> None:
     found = select(recording_of(name, runs=3))

@@ -99,12 +99,6 @@ def test_what_pages_and_scripts_import_is_in_the_reference() -> None:
     assert not lacking, f"put into a page of docs/api: {'; '.join(lacking)}"
 
 
-def test_every_page_is_in_the_table_of_contents() -> None:
-    index = (ROOT / "docs" / "api" / "index.md").read_text("utf-8")
-    listed = index.split("```{toctree}")[1].split("```")[0].split()
-    assert {page.stem for page in PAGES} - {"index"} <= set(listed)
-
-
 def named(doc: str, *sections: str) -> set[str]:
     """Names that numpydoc sections of a docstring explain."""
     found: set[str] = set()
@@ -184,13 +178,3 @@ def test_the_citation_is_of_this_version() -> None:
     assert archive["version"] == pilotid.__version__
     assert archive["creators"] == project["authors"]
     assert archive["license"] == project["license"]
-
-
-def test_pages_cite_what_the_references_have() -> None:
-    text = (ROOT / "docs" / "references.bib").read_text("utf-8")
-    keys = re.findall(r"^@\w+\{([^,]+),", text, re.MULTILINE)
-    assert len(keys) == len(set(keys))
-    for page in (ROOT / "docs").rglob("*.md"):
-        for cited in re.findall(r"\{cite:\w+\}`([^`]+)`", page.read_text("utf-8")):
-            for key in re.sub(r"\{.*?\}", "", cited).split(","):
-                assert key.strip() in keys, f"{page.name} cites {key}"

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, recording_of
+from helpers import NOMINAL, plane, recording_of
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.estimate import Outcome, at_bounds
@@ -30,13 +30,6 @@ pytestmark = pytest.mark.numerical
 TILT, WALL = 0.2, 3.0
 
 
-class Plane:
-    """Two parameters without bounds."""
-
-    lower, upper = np.full(2, -50.0), np.full(2, 50.0)
-    positive = np.zeros(2, dtype=bool)
-
-
 def two_summits(sets: FloatArray) -> FloatArray:
     """Deviance 9 (x^2 - 1)^2 + .04 (x - 1)^2 + 100 (y - x)^2: minima near x = y = 1 and -1."""
     grams = []
@@ -49,7 +42,7 @@ def two_summits(sets: FloatArray) -> FloatArray:
 
 
 def best() -> Minima:
-    return minimise(two_summits, np.array([[1.2, 1.1]]), Plane(), tolerance=1e-14)
+    return minimise(two_summits, np.array([[1.2, 1.1]]), plane(), tolerance=1e-14)
 
 
 def test_all_intervals_hold_what_suits_and_go_on_from_there() -> None:
@@ -57,14 +50,14 @@ def test_all_intervals_hold_what_suits_and_go_on_from_there() -> None:
     np.testing.assert_allclose(minimum.values[0], 1.0, atol=1e-6)
     # The wall between the summits, 9 at x = 0, is higher than the 3.84 sought: the profile of
     # the optimum ends at its own hill, on which x^2 - 1 is -sqrt(3.84) / 3, a little less.
-    own = profile_intervals(two_summits, Plane(), minimum, 1.0, 2, tolerance=1e-6).intervals
+    own = profile_intervals(two_summits, plane(), minimum, 1.0, 2, tolerance=1e-6).intervals
     assert (own[:, 0] > 0.3).all()
     np.testing.assert_allclose(own[0, 1], np.sqrt(1.0 + np.sqrt(CHI_SQUARED_95) / 3.0), rtol=2e-3)
     # The other summit has a deviance of .16: it suits, and is walked on from to its far side,
     # where 9 (x^2 - 1)^2 + .04 (x - 1)^2 is 3.84.
     others = np.array([[-1.0, -1.0]])
     both = profile_intervals(
-        two_summits, Plane(), minimum, 1.0, 2, others=others, tolerance=1e-6
+        two_summits, plane(), minimum, 1.0, 2, others=others, tolerance=1e-6
     ).intervals
     np.testing.assert_allclose(both[:, 1], own[:, 1])
     far = -np.sqrt(1.0 + np.sqrt(CHI_SQUARED_95 - 0.04 * 2.28**2) / 3.0)
@@ -75,16 +68,16 @@ def test_all_intervals_hold_what_suits_and_go_on_from_there() -> None:
 
 def test_what_does_not_suit_stays_outside() -> None:
     minimum = best()
-    own = profile_intervals(two_summits, Plane(), minimum, 1.0, 2).intervals
+    own = profile_intervals(two_summits, plane(), minimum, 1.0, 2).intervals
     others = np.array([[0.0, 0.0], [-1.0, 0.0]])  # deviances of 9 and 100
-    found = profile_intervals(two_summits, Plane(), minimum, 1.0, 2, others=others)
+    found = profile_intervals(two_summits, plane(), minimum, 1.0, 2, others=others)
     np.testing.assert_array_equal(found.intervals, own)
     assert found.better is None
 
 
 def test_a_better_summit_elsewhere_is_told() -> None:
-    worse = minimise(two_summits, np.array([[-1.2, -1.1]]), Plane(), tolerance=1e-14)
-    found = profile_intervals(two_summits, Plane(), worse, 0.1, 2, others=np.array([[0.99, 0.99]]))
+    worse = minimise(two_summits, np.array([[-1.2, -1.1]]), plane(), tolerance=1e-14)
+    found = profile_intervals(two_summits, plane(), worse, 0.1, 2, others=np.array([[0.99, 0.99]]))
     assert found.better is not None
     np.testing.assert_allclose(found.better, 0.99)
 
@@ -105,9 +98,8 @@ def test_where_the_optimum_is_at_a_bound_others_are_sought_inside() -> None:
     usual = bounded.parameters[at].usual
     np.testing.assert_allclose(np.unique(points[:, at])[[0, -1]], usual)
     # All others are at their best there, or as near as a few iterations come.
-    lower, upper = found.joint.lower.copy(), found.joint.upper.copy()
-    lower[at] = upper[at] = points[0, at]
-    again = minimise(found.joint.gram, points[:1], Box(lower, upper, found.joint.positive))
+    held = Box.holding(found.joint, at, points[0, at])
+    again = minimise(found.joint.gram, points[:1], held)
     cost = found.joint.gram(points[:1])[0, -1, -1]
     assert cost <= 1.0005 * again.cost[0]
     estimate = MLE().fit(recording, bounded, np.random.default_rng(1))

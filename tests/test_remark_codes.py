@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import ast
 import copy
 import json
 import pickle
 import re
-from collections.abc import Iterator
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -39,38 +36,6 @@ def test_plain_sentences_have_a_code_as_well() -> None:
     assert codes_of(["from a plug-in", Remark("drift", "u drifts")]) == [OTHER, "drift"]
     remark = remark_of("two\nlines")
     assert (remark, remark.code, remark.grade) == ("two lines", OTHER, "note")
-
-
-def test_codes_are_words_joined_by_hyphens() -> None:
-    for code, (grade, words) in CODES.items():
-        assert code.replace("-", "").isalpha()
-        assert code.islower()
-        assert grade in ("wrong", "doubt", "note")
-        assert words
-
-
-def literals(path: Path) -> Iterator[tuple[int, str]]:
-    """The texts of a module that are no docstrings; a value in a text counts as a word."""
-    tree = ast.parse(path.read_text("utf-8"))
-    inside = {id(part) for n in ast.walk(tree) if isinstance(n, ast.JoinedStr) for part in n.values}
-    inside |= {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}
-    constants = (n for n in ast.walk(tree) if isinstance(n, ast.Constant) and id(n) not in inside)
-    yield from ((n.lineno, n.value) for n in constants if isinstance(n.value, str))
-    for node in ast.walk(tree):
-        if isinstance(node, ast.JoinedStr):
-            parts = [str(p.value) if isinstance(p, ast.Constant) else "x" for p in node.values]
-            yield node.lineno, "".join(parts)
-
-
-def test_no_message_is_longer_than_40_words() -> None:
-    pages = ("report", "judge", "paper")  # text to read at leisure
-    for package in ("pilotid", "pilotid.methods", "pilotid.datasets"):
-        folder = Path(str(files(package)))
-        for path in folder.rglob("*.py"):
-            if any(page in part for page in pages for part in path.relative_to(folder).parts):
-                continue
-            for line, text in literals(path):
-                assert len(text.split()) <= 40, f"{path}:{line}: {text}"
 
 
 def test_the_guide_has_cause_and_cure_of_every_code() -> None:

@@ -48,7 +48,7 @@ def test_a_drift_is_measured(size: float, seen: bool) -> None:
 
 @pytest.mark.parametrize("runs", [1, 3])
 def test_sound_recordings_have_no_remarks_but_a_true_one(runs: int) -> None:
-    for replication in range(5):
+    for replication in range(3):
         remarks = fit_of(MLE(), replace(NOMINAL, runs=runs), replication).remarks
         # Gain and lead time of this pilot trade off at -.99; and the difference from the lines is
         # significant (p = 7e-5) in one of all: a doubt.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_toeplitz
 
-import pilotid
 from pilotid import (
     MODELS,
     Channel,
@@ -190,17 +188,3 @@ def test_what_is_no_estimate_is_refused(tmp_path: Path) -> None:
         file.write_text(text)
         with pytest.raises(InputError, match="holds no estimate; give a file"):
             load_estimate(file)
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda: identify(RECORDING, "multi", "mle-white"),
-        lambda: identify(RECORDING, MODELS["multi"], method=pilotid.MLEWhite(), rng=1),
-        lambda: identify("mle-white", RECORDING, "multi"),
-        lambda: identify(pilotid.MLEWhite(), RECORDING, MODELS["multi"], 1),
-    ],
-)
-def test_both_orders_of_arguments_give_the_same(call: Callable[[], Estimate]) -> None:
-    expected = identify(recording=RECORDING, model="multi", method="mle-white")
-    np.testing.assert_array_equal(call().values, expected.values)

@@ -76,19 +76,6 @@ def test_pysindy_s_own_discrete_model_has_the_same_terms() -> None:
     assert own == pytest.approx(model.coefficients()[0], abs=1e-9)
 
 
-def test_pysindy_prunes(monkeypatch: pytest.MonkeyPatch) -> None:
-    fitted: list[tuple[int, ...]] = []
-    fit = pysindy.STLSQ.fit
-
-    def counted(self: pysindy.STLSQ, x: FloatArray, y: FloatArray) -> pysindy.STLSQ:
-        fitted.append(x.shape)
-        return fit(self, x, y)
-
-    monkeypatch.setattr(pysindy.STLSQ, "fit", counted)
-    assert fit_of(SINDy(members=5), SINGLE_LOOP).outcome.usable
-    assert len(fitted) == 1 + 5  # the estimate and its ensemble
-
-
 @pytest.mark.parametrize("samples", [1, 2, 3])
 def test_the_delay_is_found_on_the_grid(samples: int) -> None:
     # A gain and a delay on a white input: u(t) = 0.5 e(t - delay).

@@ -31,11 +31,7 @@ STUDY = Study(("single", "starts"), ("mle-white", "fourier"), 3, 5)
 
 def run(folder: Path, study: Study = STUDY, workers: int = 2) -> bytes:
     """The summary of a study run to its end."""
-    folder.mkdir(exist_ok=True)
-    with Store(folder, create=True) as store:
-        for _ in study.run(store, study.enter(store), workers):
-            pass
-        store.comparison().write(folder)
+    study.run_in(folder, workers).write(folder)
     return (folder / "summary.csv").read_bytes()
 
 

@@ -196,9 +196,8 @@ def test_equal_stores_give_equal_bytes(full: Made) -> None:
 
 @pytest.mark.parametrize(
     ("name", "count"),
-    [("nominal", 1), ("single", 11), ("target-step", 11), ("remnant-0.8", 1), ("starts", 1),
-     ("runs-2", 11)],
-)  # fmt: skip
+    [("single", 11), ("remnant-0.8", 1), ("starts", 1), ("runs-2", 11)],
+)
 def test_any_part_of_a_study_makes_a_report(tmp_path: Path, name: str, count: int) -> None:
     made = report(tmp_path, scenarios(name, methods=("mle",), count=count), ("mle", "never-run"))
     assert not re.search(r"\b(nan|inf)\b", made.html.partition("<script>")[0], re.I)

@@ -117,7 +117,7 @@ def leaks(handed: object, scenario: Scenario) -> list[str]:
 NOT_ROUNDED = [name for name in SCENARIOS if name != "recorder-rounded"]
 #: The others differ from one of these in a number.
 FIRST = ("nominal", "single", "starts", "violation-saturated", "recorder-late",
-         "adapting-slow", "target-step")  # fmt: skip
+         "target-step")  # fmt: skip
 
 
 @pytest.mark.parametrize(
