@@ -10,7 +10,6 @@ from helpers import NOMINAL
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.optimum import COMPARED_TOLERANCE, REPORTED_TOLERANCE, Optimum
 from pilotid.likelihood.prediction import Prediction, predict
 from pilotid.likelihood.remnant_models import (
     Autoregressive,
@@ -22,7 +21,6 @@ from pilotid.likelihood.remnant_models import (
 from pilotid.methods.mle import MLE
 from pilotid.model.catalogue import MODELS
 from pilotid.model.model import PilotModel
-from pilotid.solve.least_squares import minimise
 from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -89,24 +87,6 @@ def test_slopes_are_exact_of_transforms_of_odd_length() -> None:
     )
     exact, adjoint, points = problem_of(odd, LowPass(1))
     assert_last_rows_equal(exact.gram(points), adjoint.gram(points))
-
-
-def test_a_search_ends_where_that_with_exact_products_does() -> None:
-    exact, adjoint, points = problem_of(prediction_of(NOMINAL.model, RUNS), Autoregressive(6))
-    expected = minimise(exact.gram, points[:1], exact, tolerance=REPORTED_TOLERANCE)
-    end = minimise(adjoint.gram, points[:1], adjoint, tolerance=REPORTED_TOLERANCE)
-    assert expected.converged[0]
-    assert end.converged[0]
-    assert expected.apart(end.values[0], exact.residuals) < 1e-4
-    # What is reported rests on exact products.
-    rough = Optimum(
-        adjoint, minimise(adjoint.gram, points[:1], adjoint, tolerance=COMPARED_TOLERANCE)
-    )
-    fine = rough.refined(REPORTED_TOLERANCE)
-    assert not fine.joint.adjoint
-    np.testing.assert_allclose(fine.end.gram, exact.gram(fine.end.values), rtol=1e-9)
-    assert expected.apart(fine.end.values[0], exact.residuals) < 1e-4
-    np.testing.assert_array_equal(minimise(exact.gram, fine.end, exact).values, fine.end.values)
 
 
 def test_only_several_runs_are_searched_by_the_adjoint() -> None:

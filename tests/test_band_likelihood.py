@@ -113,13 +113,11 @@ def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> No
     prediction = replace(predict_circular(recording, model), nuisance_poles=(0.0,))  # no mean
     omega = prediction.s.imag
     weighting = weighting_of(recording, model, prediction.control, prediction.dt)
-    assert weighting is not None
     # Half the band counts, in steps, and the remnant's model nowhere else.
     share = np.where(weighting.omega < 24.0, 1.0, 0.0)
     prediction = replace(prediction, weighting=replace(weighting, share=share, control=0.0 * share))
     joint = Likelihood(prediction, LowPass(2))
     terms = prediction.band_terms
-    assert terms is not None
     weights = np.zeros(omega.size)
     weights[: terms.weights.size] = terms.weights
     outside = terms.whitened.sum() - terms.inside.sum()
@@ -177,7 +175,6 @@ def test_the_element_that_closes_the_loop_is_what_signals_show() -> None:
     for each in (recording, wrong, unnamed):
         element, unknown = closing_element(each)
         assert (unknown == 0.0) is (each is recording)
-        assert element is not None
         np.testing.assert_allclose(
             element.response(np.array([3.0])),
             double_integrator(4.0).response(np.array([3.0])),
@@ -191,7 +188,6 @@ def test_what_is_not_known_of_the_element_is_in_the_intervals() -> None:
     found = maxima_from(recording, scenario.model, MLE(noise=LowPass(2)), scenario.values[None])[0]
     prediction, joint = found.joint.prediction, found.joint
     weighting = prediction.weighting
-    assert weighting is not None
     louder = replace(weighting, element=double_integrator(4.0 * 1.02))
     plain = replace(weighting, element=double_integrator(4.0))
     ends = []
@@ -215,7 +211,6 @@ def test_a_recorder_that_hides_the_pilot_is_named(monkeypatch: pytest.MonkeyPatc
     scenario, recording = recorded("single")
     sound = identify(MLE(), recording, scenario.model, np.random.default_rng(1))
     assert "motionless" not in codes_of(sound.remarks)
-    assert sound.band is not None
     assert sound.band.half == sound.band.highest
     own = floors_of(recording)
     flat = {name: np.full(own.omega.size, floor) for name, floor in own.floor.items()}
@@ -318,7 +313,6 @@ def test_what_lies_between_the_lines_of_a_target_takes_nothing_from_the_band(dec
     recording = replace(recording, ft=np.round(recording.ft, decimals))
     assert (floors_of(recording).share(("ft",)) == 1.0).all()
     estimate = identify(MLE(), recording, MODELS["look-ahead"], np.random.default_rng(1))
-    assert estimate.band is not None
     assert estimate.band.half > 15.0
 
 

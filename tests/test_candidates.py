@@ -11,7 +11,7 @@ from checks.published import LED, preview_runs
 from golden.golden import POSITION
 from helpers import PILOTS, SINGLE_LOOP, fit_of
 
-from pilotid import MODELS, identify
+from pilotid import identify
 from pilotid.datasets import Scenario
 from pilotid.methods import method_named
 from pilotid.model.loops import are_stable, pilot_on
@@ -73,7 +73,3 @@ def test_a_band_that_is_asked_for_is_not_widened() -> None:
     bands = {fit_of(method_named(f"mle(band={band})"), SINGLE_LOOP).band for band in (15, 26)}
     highest = sorted(band.highest for band in bands if band is not None)
     assert highest[0] < 15.0 < highest[1] < 26.0
-
-
-def test_a_lag_may_be_next_to_none() -> None:
-    assert MODELS["lead-lag"].lower[MODELS["lead-lag"].keys.index("tlag")] <= 1e-3

@@ -167,7 +167,6 @@ def test_three_signals_are_two(name: str) -> None:
     recording = recording_of(FOLLOWING)
     said = method_named(name).objection(recording, THREE)
     assert said == dependent_signals(THREE)
-    assert said is not None
     assert said.startswith("ft = e + x, so that the visual and target and motion channels")
     assert method_named(name).objection(recording, PURSUIT) is None
 

@@ -50,7 +50,6 @@ def scheduler(started: Callable[..., Process], file: Path) -> tuple[Process, str
         *("-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"),
         *("--no-dashboard", "--scheduler-file", file),
     )
-    assert process.stderr is not None
     for line in process.stderr:
         if "Scheduler at:" in line:
             return process, line.split()[-1]
@@ -78,7 +77,6 @@ def test_no_workers_is_told_and_can_be_ended(
 ) -> None:
     _, address = scheduler(started, tmp_path / "scheduler")
     process = study(started, address, tmp_path / "out")
-    assert process.stderr is not None
     assert "has no workers; waiting" in process.stderr.readline()
     process.send_signal(signal.SIGINT)
     status, lines = ended(process)

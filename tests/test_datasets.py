@@ -253,7 +253,6 @@ def test_recording_of_every_scenario(name: str) -> None:
 
 def test_runs_have_the_same_forcing_and_independent_remnants() -> None:
     recording = simulate(replace(NOMINAL, runs=40), rng())
-    assert recording.ft is not None
     np.testing.assert_array_equal(recording.ft[0], recording.ft[39])
     forced = simulate(without_remnant(NOMINAL), rng()).u
     remnant = recording.u - forced
@@ -371,7 +370,6 @@ def assert_agrees(
     recording: Recording, simulated: tuple[FloatArray, FloatArray], tolerance: float
 ) -> None:
     """Relative RMS difference of u, x and e in the measurement window."""
-    assert recording.ft is not None
     u, x = simulated
     target = recording.window(recording.ft)[0]
     for name, signal in (("u", u), ("x", x), ("e", target - x)):
@@ -504,8 +502,6 @@ def test_a_recorder_rounds_filters_and_adds_noise() -> None:
     assert through.e.shape == plain.e.shape
     assert through.dt == plain.dt
     # Another grid of the same remnant, but the forcing functions are where they were.
-    assert through.ft is not None
-    assert plain.ft is not None
     np.testing.assert_allclose(through.ft, plain.ft, atol=1e-9)
     rounded = simulate(replace(scenario, recorder=Recorder(bits=10)), np.random.default_rng(3))
     step = 2.0 * 2.0 * np.abs(through.x).max() / 2**10
@@ -523,7 +519,6 @@ def test_a_recorder_rounds_filters_and_adds_noise() -> None:
         replace(scenario, recorder=Recorder(order=4, corner=0.5)), np.random.default_rng(3)
     )
     found = identified_element(filtered).element
-    assert found is not None
     expected = scenario.element.response(np.array([3.0]))
     np.testing.assert_allclose(found.response(np.array([3.0])), expected, rtol=0.01)
 

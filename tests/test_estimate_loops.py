@@ -283,21 +283,3 @@ def test_fit_writes_loops(
         assert loops[which]["others"] == []
         assert loops[which]["remark"] == ""
     assert result["recording"]["remarks"] == []
-
-
-# ------------------------------------------------------------------ human pilots
-
-
-@pytest.mark.long
-def test_margins_of_subject_1_are_those_of_one_crossing(run: Run, measured: Path) -> None:
-    """Means over several crossings were 7.5 +- 5.5 rad/s and -21 +- 107 deg."""
-    file = measured / "yaw" / "ae2224I_measurement_data_subj1_C2.mat"
-    for options in ((), ("--element", "4/s")):
-        answer = run("fit", file, "--model", "single", "--method", "bayes", "--json", "-", *options)
-        assert answer.status == 0, answer.err
-        target = strict(answer.out)["estimates"][0]["loops"]["target"]
-        assert target["crossover"]["value"] == pytest.approx(2.86, abs=0.1)
-        assert 0.03 < target["crossover"]["std_error"] < 0.2
-        assert target["phase_margin"]["value"] == pytest.approx(62.0, abs=8.0)
-        assert 0.5 < target["phase_margin"]["std_error"] < 5.0
-        assert len(target["others"]) <= 1  # a second one, near 12.7 rad/s, comes and goes with dnm

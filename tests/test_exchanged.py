@@ -29,8 +29,6 @@ pytestmark = pytest.mark.numerical
 def exchanged(scenario: Scenario) -> Scenario:
     """The same with the target on the lines of the disturbance, and the other way round."""
     target, disturbance = scenario.target, scenario.disturbance
-    assert target is not None
-    assert disturbance is not None
     return replace(
         scenario,
         target=replace(target, lines=disturbance.lines),  # type: ignore[type-var]
@@ -49,7 +47,6 @@ def noise_free(name: str) -> Recording:
     first, other = recorded(scenario, exchanged(scenario))
     (alone,) = recorded(replace(scenario, disturbance=None))
     alone = replace(alone, fd=None)
-    assert scenario.target is not None
     target = scenario.target.scaled(2.0).with_random_phases(np.random.default_rng(1))  # type: ignore[attr-defined]
     (louder,) = recorded(replace(scenario, target=target))
     return joined([first, other, alone, louder])

@@ -81,5 +81,4 @@ def test_the_summary_of_a_study_stays(tmp_path: Path) -> None:
 @pytest.mark.long
 @pytest.mark.skipif(not MEASURED, reason="PILOTID_MEASURED is not set")
 def test_the_analysis_of_people_stays(tmp_path: Path) -> None:
-    assert MEASURED is not None
     require_equal(rows_of(FOLDER / "analysis.csv"), analysis(MEASURED, tmp_path / "analysis"))

@@ -55,7 +55,6 @@ def test_the_cure_of_a_signal_that_is_late_against_the_error_mends_it(signal: st
     cured = replace(late, **{signal: shifted(getattr(late, signal), late.dt, found.size)})
 
     def off(r: Recording) -> FloatArray:
-        assert r.ft is not None
         return (r.e - r.ft + r.x)[:, r.run_in : -2]
 
     assert np.std(off(cured)) < 0.05 * np.std(off(late))
@@ -118,8 +117,6 @@ def test_an_element_that_is_not_that_of_the_signals_is_said_by_identify() -> Non
 def test_who_follows_fast_lines_has_not_exchanged_names() -> None:
     """An output that follows the target at all lines, as look-ahead alone can do."""
     sound = simulate(SCENARIOS["nominal"], _rng(3))
-    assert sound.ft is not None
-    assert sound.fd is not None
     x = sound.x + 0.7 * sound.ft
     omega = 2.0 * np.pi * np.fft.rfftfreq(sound.samples, sound.dt)
     added = np.fft.irfft(-(omega**2) / 4.0 * np.fft.rfft(0.7 * sound.window(sound.ft)))
@@ -134,18 +131,15 @@ def test_names_that_nothing_but_fast_lines_speak_against_are_a_doubt() -> None:
     rng = np.random.default_rng([1, 1003])
     whole = simulate(POPULATIONS["population-usual"].drawn(rng), rng)
     swapped = exchanged(bare(replace(whole, e=whole.x, x=whole.e), "ft"))
-    assert swapped is not None
     assert (swapped.code, swapped.grade) == ("exchanged", "doubt")
 
 
 def test_the_advice_on_exchanged_names_can_be_followed(tmp_path: Path) -> None:
     sound = simulate(SCENARIOS["nominal"], _rng(3))
-    assert sound.ft is not None
     table = np.stack([sound.time, sound.ft[0], sound.u[0], sound.e[0]], axis=1)
     path = tmp_path / "state.csv"
     np.savetxt(path, table, delimiter=",", header="t,ft,u,state", comments="")
     wrong = exchanged(load_recording(path, {"x": "state"}))
-    assert wrong is not None
     assert wrong.endswith("name the column state e in the file")
     path.write_text(path.read_text().replace("state", "e", 1))
     assert exchanged(load_recording(path)) is None

@@ -13,8 +13,6 @@ from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.element import (
     ControlledElement,
     double_integrator,
-    integrator_with_lag,
-    position_control,
     single_integrator,
 )
 from pilotid.model.loops import (
@@ -126,26 +124,6 @@ def test_loop_without_crossover_has_no_margin() -> None:
 
 
 # ------------------------------------------------------------------ controlled elements
-
-S = control.TransferFunction.s
-
-
-@pytest.mark.parametrize(
-    ("element", "system"),
-    [
-        (position_control(3.0), 3.0 * S / S),
-        (single_integrator(2.0), 2.0 / S),
-        (double_integrator(4.0), 4.0 / S**2),
-        (integrator_with_lag(5.0, 1.5), 5.0 / (S * (S + 1.5))),
-    ],
-    ids=["K", "K/s", "K/s^2", "K/(s(s+a))"],
-)
-def test_controlled_element_has_the_response_of_python_control(
-    element: ControlledElement, system: control.TransferFunction
-) -> None:
-    expected = of_control(system, OMEGA)
-    np.testing.assert_allclose(element.response(OMEGA), expected, rtol=1e-12)
-    np.testing.assert_allclose(of_control(element.rational(), OMEGA), expected, rtol=1e-12)
 
 
 def test_delay_of_a_controlled_element_is_exact_in_its_response_and_pade_in_its_rational_form() -> (

@@ -238,7 +238,6 @@ def test_a_pilot_that_nobody_could_name_is_charged_by_its_draw() -> None:
     own = drawn(("any", "m", 0), np.random.default_rng(1))
     (row,) = comparison([failed(own, "died")], population=True).scores[1:2].itertuples()
     truth = own.estimates[0][2]
-    assert truth is not None
     assert row.loss == pytest.approx(2.0 * truth / (scores.EFFICIENT * 0.1))
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, SINGLE_LOOP, fit_of, monte_carlo, without_remnant
+from helpers import NOMINAL, SINGLE_LOOP, fit_of, without_remnant
 
 from pilotid.datasets import Scenario, scenario_named
 from pilotid.estimate.estimate import Outcome
 from pilotid.methods.mle_genetic import MLEGenetic
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.model.catalogue import MULTI
 from pilotid.model.channel import Channel
 from pilotid.model.factors import Delay, Gain
 from pilotid.model.model import PilotModel
@@ -34,14 +33,6 @@ def test_it_ends_where_several_starts_end() -> None:
         genetic, several = fit_of(MLEGenetic(), white, i), fit_of(MLEWhite(), white, i)
         assert np.all(np.abs(genetic.values - several.values) < 0.2 * several.std_error)
         np.testing.assert_allclose(genetic.std_error, several.std_error, rtol=0.2)
-
-
-def test_a_global_search_does_not_mend_the_bias() -> None:
-    # docs/theory/white.md: the limit of white likelihood in tdvest is 21 %, of its claim 4 %.
-    index = MULTI.keys.index("tdvest")
-    estimates = monte_carlo(MLEGenetic(), NOMINAL, 4)
-    found = np.array([e.values[index] for e in estimates]) / NOMINAL.values[index] - 1.0
-    assert np.all(found > 0.08)
 
 
 # ----------------------------------------------------------------------- evolution by itself

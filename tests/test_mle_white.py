@@ -5,10 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal
 
-import control
 import numpy as np
 import pytest
-from helpers import NOMINAL, differences, fit_of, leading_recording, monte_carlo, without_remnant
+from helpers import (
+    NOMINAL,
+    QUICK,
+    differences,
+    fit_of,
+    leading_recording,
+    monte_carlo,
+    without_remnant,
+)
 from scipy.signal import lsim
 from scipy.stats import binom
 
@@ -18,11 +25,9 @@ from pilotid.estimate.method import identify
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3, Hold, _Output, pulse_response
 from pilotid.model.catalogue import MODELS, MULTI
-from pilotid.model.element import Rational
 from pilotid.study import scores
 from pilotid.study.run import started
 from pilotid.support.remarks import codes_of
-from pilotid.support.types import FloatArray
 
 GAIN_ONLY = MODELS["gain"]
 
@@ -141,32 +146,11 @@ def test_a_delay_driven_negative_is_an_outcome() -> None:
 @pytest.mark.parametrize("channel", range(2))
 def test_pulse_response_against_scipy(hold: Hold, channel: int) -> None:
     rational = MULTI.polynomials(NOMINAL.values, 5)[channel]
-    dt, signal = random_input()
+    dt, signal = 0.02, np.random.default_rng(4).standard_normal(400)
+    signal[0] = 0.0  # before which a linear hold takes the input for zero
     time = np.arange(signal.size) * dt
     _, expected, _ = lsim(rational, signal, time, interp=hold == "foh")
-    assert_equal_response(rational, dt, signal, hold, expected)
-
-
-def test_pulse_response_against_python_control() -> None:
-    rational = MULTI.polynomials(NOMINAL.values, 5)[0]
-    dt, signal = random_input()
-    system = control.tf2ss(control.TransferFunction(*rational))
-    time = np.arange(signal.size) * dt
-    expected = control.forced_response(system, time, signal).outputs  # linear between samples
-    assert_equal_response(rational, dt, signal, "foh", np.asarray(expected))
-
-
-def random_input() -> tuple[float, FloatArray]:
-    signal = np.random.default_rng(4).standard_normal(400)
-    signal[0] = 0.0  # before which a linear hold takes the input for zero
-    return 0.02, signal
-
-
-def assert_equal_response(
-    rational: Rational, dt: float, signal: FloatArray, hold: Hold, expected: FloatArray
-) -> None:
-    pulse = pulse_response(rational, dt, signal.size, hold)
-    actual = np.convolve(pulse, signal)[: signal.size]
+    actual = np.convolve(pulse_response(rational, dt, signal.size, hold), signal)[: signal.size]
     assert actual == pytest.approx(expected, abs=1e-6 * float(np.abs(expected).max()))
 
 
@@ -195,3 +179,12 @@ def test_an_estimator_without_bounds_says_where_no_pilot_is() -> None:
     found = estimate["tdvis"].value
     assert found == pytest.approx(free["tdvis"].value, rel=0.05)
     assert codes_of(estimate.remarks) == ["outside-range", "residual-not-white"]
+
+
+@pytest.mark.parametrize("name", ["mle-white", "mle-genetic", "mmle3", "bayes-white"])
+def test_a_coloured_residual_is_a_doubt(name: str) -> None:
+    (method,) = (method for method in QUICK if method.name == name)
+    assert "residual-not-white" in codes_of(fit_of(method, NOMINAL).remarks)
+    for replication in range(2):
+        fit = fit_of(method, WHITE, replication)
+        assert "residual-not-white" not in codes_of(fit.remarks)

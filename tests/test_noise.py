@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import differences
 
-from pilotid.likelihood.prepare import FAR, Band, lowpass
+from pilotid.likelihood.prepare import Band, lowpass
 from pilotid.likelihood.remnant_models import (
     Autoregressive,
     BandPass,
@@ -91,15 +91,6 @@ def test_a_band_pass_has_to_win_against_a_low_pass() -> None:
         if any(isinstance(model, BandPass) for model in found):
             close += any(type(model) is LowPass for model in found)
     assert close >= 5
-
-
-def test_a_moving_average_of_the_products_is_the_filtered_power() -> None:
-    residual = np.random.default_rng(2).standard_normal((2, 300))
-    taps = np.zeros(FAR + 1)
-    taps[:3] = [1.0, -0.7, 0.2]
-    filtered = np.array([np.convolve(run, taps, mode="valid") for run in residual])
-    power = taps @ lagged_products(residual) @ taps
-    assert power == pytest.approx(float(np.mean(filtered**2)), rel=1e-12)
 
 
 @pytest.mark.parametrize("order", [1, 2])

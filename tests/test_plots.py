@@ -106,7 +106,6 @@ def test_all_channels_are_drawn_with_the_coefficients_of_the_recording() -> None
     axes = plots.describing_function(estimate(), points=RECORDING)
     assert len(axes) == 2 * len(MULTI.channels)
     known = first_step_of(RECORDING, MULTI)
-    assert known is not None
     for index, above in enumerate(axes[::2]):
         assert above.get_title(loc="left") == f"{MULTI.channels[index].name} channel"
         (points,) = above.containers

@@ -67,7 +67,6 @@ def sampled(
 ) -> Draws:
     target: Any = Target(density, centre.size)
     draws = sample(target, centre, covariance, np.random.default_rng(seed), effective, 4000)
-    assert draws is not None
     assert draws.converged
     assert draws.effective.min() >= effective
     return draws

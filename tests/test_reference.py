@@ -1,4 +1,4 @@
-"""What users import is in the reference, with its parameters, fields and shapes."""
+"""What users import is in the reference."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
-from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -97,73 +95,6 @@ def test_what_pages_and_scripts_import_is_in_the_reference() -> None:
         unknown = {n for n in names if n not in ENTRIES and id(thing(n)) not in DOCUMENTED}
         lacking += [f"{name} of {place}" for name in sorted(unknown)]
     assert not lacking, f"put into a page of docs/api: {'; '.join(lacking)}"
-
-
-def named(doc: str, *sections: str) -> set[str]:
-    """Names that numpydoc sections of a docstring explain."""
-    found: set[str] = set()
-    for title in sections:
-        section = re.search(rf"^{title}\n-+\n((?:.*\n?)*?)(?=^\w+\n-+\n|\Z)", doc, re.MULTILINE)
-        for line in section[1].splitlines() if section else ():
-            if line and not line.startswith(" "):
-                found |= {name.strip(" *") for name in line.split(" : ")[0].split(",")}
-    return found
-
-
-def members(name: str) -> Iterator[tuple[str, Any]]:
-    """Functions and properties of a class that the reference shows."""
-    kind, options = ENTRIES[name]
-    shown = re.search(r":members:(.*)", options)
-    if kind != "class" or not shown:
-        return
-    wanted = shown[1].replace(",", " ").split()
-    for key, value in vars(thing(name)).items():
-        if key.startswith("_") or (wanted and key not in wanted):
-            continue
-        if isinstance(value, property):
-            yield f"{name}.{key}", value.fget
-        elif isinstance(value, cached_property):
-            yield f"{name}.{key}", value.func
-        elif inspect.isfunction(getattr(value, "__func__", value)):
-            yield f"{name}.{key}", getattr(value, "__func__", value)
-
-
-FUNCTIONS = {name: thing(name) for name, (kind, _) in ENTRIES.items() if kind == "function"}
-FUNCTIONS |= {name: f for entry in ENTRIES for name, f in members(entry)}
-
-
-def unexplained(function: Any) -> Iterator[str]:
-    """What a function's docstring does not say of its parameters and shapes."""
-    doc = inspect.getdoc(function) or ""
-    if not doc:
-        yield "a docstring"
-    if re.search(r", see `[\w.]+`\.$", doc):  # explained there
-        return
-    annotations = inspect.get_annotations(function)
-    parameters = [p for p in inspect.signature(function).parameters if p not in ("self", "cls")]
-    # The first line of a function with one parameter tells what it is.
-    if len(parameters) > 1 or "Parameters\n" in doc:
-        yield from (p for p in parameters if p not in named(doc, "Parameters"))
-    if not re.search(r"shape|\(\w+(?:, \w+)*,?\)", doc):
-        arrays = (p for p in (*parameters, "return") if "Array" in str(annotations.get(p)))
-        yield from (f"the shape of {p}" for p in arrays)
-
-
-def test_functions_explain_parameters_and_shapes() -> None:
-    lacking = [f"{name}: {what}" for name, f in FUNCTIONS.items() for what in unexplained(f)]
-    assert not lacking, "; ".join(lacking)
-
-
-def test_classes_explain_their_fields() -> None:
-    lacking = []
-    for name in [n for n in ENTRIES if is_dataclass(thing(n))]:
-        docs = [kind.__doc__ or "" for kind in thing(name).__mro__]
-        known = {
-            f for doc in docs for f in named(inspect.cleandoc(doc), "Attributes", "Parameters")
-        }
-        own = [f.name for f in fields(thing(name)) if not f.name.startswith("_")]
-        lacking += [f"{name}: {field}" for field in own if field not in known]
-    assert not lacking, "; ".join(lacking)
 
 
 def test_the_citation_is_of_this_version() -> None:

@@ -130,7 +130,6 @@ def test_what_is_as_likely_beside_another_remnant_is_in_the_intervals_and_nothin
     recording = recording_of(NOMINAL)
     found = maximise_likelihood(recording, NOMINAL.model, np.random.default_rng(1), MLE())
     optimum, profile = profile_likelihood(found)
-    assert profile is not None
     far = 0.5 * optimum.pilot
     estimate = MLE().fit(recording, NOMINAL.model, np.random.default_rng(1))
     for behind, told in ((3.0, True), (6.0, False)):
@@ -142,6 +141,5 @@ def test_what_is_as_likely_beside_another_remnant_is_in_the_intervals_and_nothin
 
 def intervals_of(found: Optimum) -> FloatArray:
     profile = profile_about(found)
-    assert profile is not None
     assert profile.better is None
     return profile.intervals

@@ -81,7 +81,6 @@ def test_the_log_score_is_that_of_the_remnant_known_before(
     by_hand = -0.5 * np.sum(np.log(2 * np.pi * std**2) + errors**2 / std**2)
     assert fitted.score(own).log_score == pytest.approx(by_hand, rel=1e-12)
     # Wiener's one-step variance of the remnant's own density, by its normal equations.
-    assert fitted.remnant is not None
     omega, density = fitted.remnant.omega, fitted.remnant.density
     dt = frame["time"].iloc[1] - frame["time"].iloc[0]
     lags = np.cos(np.outer(np.arange(60) * dt, omega)) @ density * (omega[1] - omega[0])

@@ -29,13 +29,11 @@ def fit(scenario: str, model: str, seed: int) -> Estimate:
 def test_a_right_model_agrees() -> None:
     for seed in range(3):
         tested = fit("nominal", "multi", seed).specification
-        assert tested is not None
         assert tested.agrees
 
 
 def test_a_model_that_lacks_a_channel_disagrees() -> None:
     estimate = fit("nominal", "single", 0)
-    assert estimate.specification is not None
     assert not estimate.specification.agrees
     assert estimate.specification.p_value < ESTIMATE.surely_misspecified
     (remark,) = (r for r in estimate.remarks if getattr(r, "code", "") == "misspecified")
@@ -48,15 +46,8 @@ def test_a_model_that_lacks_a_channel_disagrees() -> None:
     }
 
 
-def test_it_is_the_first_line_under_the_table() -> None:
-    lines = str(fit("nominal", "multi", 0)).split("\n\n")[1].splitlines()
-    assert lines[0].startswith("specification: ")
-    assert lines[1].startswith("mle: converged")
-
-
 def test_without_lines_the_forcing_functions_are_instruments() -> None:
     right = fit("disturbance-step", "multi", 0).specification
-    assert right is not None
     assert right.against == "mle-reference"
     assert right.agrees
 
@@ -67,7 +58,6 @@ def test_aperiodic_forcing_functions_find_a_model_that_lacks_a_channel() -> None
     assert drawn.model.name == "multi"
     recording = simulate(drawn, np.random.default_rng(2))
     estimate = identify(method_named("mle"), recording, MODELS["single"], np.random.default_rng(2))
-    assert estimate.specification is not None
     assert not estimate.specification.agrees
 
 
@@ -88,7 +78,6 @@ def test_an_estimate_at_its_bound_is_tested_with_that_held() -> None:
     recording = simulate(SCENARIOS["nominal"], np.random.default_rng(0))
     bounded = replace(model, overrides=narrow)
     estimate = identify(method_named("mle"), recording, bounded, np.random.default_rng(0))
-    assert estimate.specification is not None
     assert estimate.specification.p_value < ESTIMATE.surely_misspecified
 
 
@@ -96,17 +85,12 @@ def test_the_first_recording_of_nominal_is_no_accident_of_one_in_14000() -> None
     rng = fit_rng(1, "mle", "nominal", 0)
     recording = simulate(SCENARIOS["nominal"], recording_rng(1, "nominal", 0))
     tested = identify(method_named("mle"), recording, MODELS["multi"], rng).specification
-    assert tested is not None
     assert ESTIMATE.misspecified < tested.p_value < 0.01
 
 
 def test_the_level() -> None:
     assert Specification(1.0, ESTIMATE.misspecified, "fourier").agrees
     assert not Specification(1.0, 0.9 * ESTIMATE.misspecified, "fourier").agrees
-    for words, p in (("no significant", 0.06), ("not clearly", 0.004), ("contradicts", 0.0001)):
-        sentence = Specification(1.0, p, "f").sentence
-        assert words in sentence
-        assert sentence.endswith(f"f (p = {p})")
 
 
 @pytest.mark.long

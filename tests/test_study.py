@@ -8,19 +8,21 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers import NOMINAL, estimate_at, recording_of
 
+from pilotid.checks.checks import remarks
 from pilotid.datasets import scenario_named
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.study.run import run_task, started, truths_of
+from pilotid.study.run import LONGEST_TOLD, run_task, started, told, truths_of
 from pilotid.study.study import Study, method_entry, scenario_entry
 from pilotid.study.table import OF_FITS, Fit, Store, frame_of, read_study
 from pilotid.support.store import STORE
@@ -193,6 +195,26 @@ def test_what_a_recording_does_not_determine_is_marked() -> None:
     assert told.sum() == len(fit.estimates) - len(fit.undetermined)
 
 
+def test_a_study_keeps_what_a_user_is_told() -> None:
+    sound, fit = recording_of(NOMINAL), estimate_at(NOMINAL.model, NOMINAL.values, np.eye(7))
+    assert told(remarks(sound), fit) == ""
+    drifting = replace(sound, u=sound.u + 0.01 * sound.time)
+    line = told(remarks(drifting), replace(fit, remarks=("mind the gap", "and the step")))
+    assert line.startswith("recording: u drifts by")
+    assert "take it out with --detrend | " in line
+    assert line.endswith(" | mind the gap | and the step") or line.endswith(" ...")
+    assert len(told(remarks(sound), replace(fit, remarks=("long " * 100,)))) == LONGEST_TOLD
+
+
+@pytest.mark.numerical
+def test_remarks_of_a_study_are_in_its_store(tmp_path: Path) -> None:
+    Study(["nominal", "recorder-lost"], "mle", 1).run_in(tmp_path, workers=1)
+    with Store(tmp_path) as store:
+        kept = {fit.scenario: fit.remarks for fit in store.fits()}
+    assert not kept["nominal"]
+    assert "samples are lost or spiked" in kept["recorder-lost"]
+
+
 #: As in a shell's foreground: what a background job starts ignores interruptions.
 PROGRAM = """
 import signal
@@ -309,31 +331,24 @@ def test_an_interruption_is_a_sentence(tmp_path: Path, unhurried: list[str]) -> 
     assert len(errors.splitlines()) == 1, errors
 
 
-@pytest.fixture(scope="module")
-def cluster() -> Iterator[object]:
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
-    ) as running:
-        yield running
-
-
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # those of Dask are not ours
-def test_dask_with_a_worker_killed_gives_the_same_bytes(cluster: object, tmp_path: Path) -> None:
-    here = tmp_path / "here"
+def test_dask_with_a_worker_killed_gives_the_same_bytes(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    here, there = tmp_path / "here", tmp_path / "there"
     # Fits wait for a worker until the end: more are asked for only as answers are taken.
     study = Study(("single",), ("mle-white", "fourier"), 12, 1)
     run(here, study)
-    there = tmp_path / "there"
     there.mkdir()
-    workers = cluster.workers  # type: ignore[attr-defined]
-    address = cluster.scheduler_address  # type: ignore[attr-defined]
-    with Store(there, create=True) as store:
-        results = study.run(store, study.enter(store), scheduler=address)
+    local = {"host": "127.0.0.1", "dashboard_address": None}
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, **local) as cluster,
+        Store(there, create=True) as store,
+    ):
+        results = study.run(store, study.enter(store), scheduler=cluster.scheduler_address)
         for number, _ in enumerate(results):
             if number == 10:
-                os.kill(next(iter(workers.values())).pid, signal.SIGKILL)
+                os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
         store.comparison().write(there)
     assert (there / "summary.csv").read_bytes() == (here / "summary.csv").read_bytes()
 

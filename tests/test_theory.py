@@ -123,7 +123,6 @@ def test_a_step_is_whitened_in_time() -> None:
     scenario = replace(scenario_named("target-step"), remnant=white(0.15))
     experiment = experiment_of(scenario)
     transient = experiment.transient
-    assert transient is not None
     expected = transient @ transient.T / white_level(scenario) ** 2
     information = np.linalg.inv(bounds(experiment).forcing)
     # Elements that vanish are rounding.
@@ -256,14 +255,6 @@ def test_claimed_errors_of_a_coloured_residual_are_too_short_by_the_factor_that_
     share = float(np.median(np.median(claimed, axis=0) / scatter))
     assert share < 0.5
     assert share * np.median(factors) == pytest.approx(1.0, abs=0.2)
-
-
-def test_products_of_scores_of_a_moving_average() -> None:
-    # Scores w_t + w_{t-1} with unit white w: their sum has a variance of 4 per sample.
-    rng = np.random.default_rng(2)
-    w = rng.standard_normal((3, 20_001))
-    rows = np.stack([w[:, 1:] + w[:, :-1], np.ones((3, 20_000))])
-    assert score_products(rows, 20) / 60_000 == pytest.approx(4.0, rel=0.1)
 
 
 def test_products_at_lag_zero_and_one_by_hand() -> None:

@@ -70,7 +70,6 @@ def test_forcing_functions_are_as_recorded() -> None:
     assert isinstance(made.target, Multisine)
     assert isinstance(made.disturbance, Multisine)
     assert made.target.lines == NOMINAL.target.lines  # type: ignore[union-attr]
-    assert recording.fd is not None
     np.testing.assert_allclose(made.disturbance.at(recording.time), recording.fd[0], atol=1e-9)
     assert (made.dt, made.duration, made.run_in, made.runs) == (0.02, 81.92, 8.0, 2)
     assert made.truth == tuple(estimate.values.tolist())
@@ -81,8 +80,6 @@ def test_a_target_without_periods_is_recorded_too() -> None:
     step = half_and_half_step(NOMINAL.duration, 2.0)
     recording, estimate = fitted(replace(RECORDED, target=step), LowPass(2))
     made = Scenario.from_fit(estimate, recording)
-    assert made.target is not None
-    assert recording.ft is not None
     rest = made.target.at(recording.time) - recording.ft[0]
     assert np.std(rest) < 0.03 * np.std(recording.ft)
     again = simulate(replace(made, runs=1), np.random.default_rng(1))
@@ -93,7 +90,6 @@ def test_the_recorder_adds_what_was_found_on_the_output() -> None:
     noisy = replace(RECORDED, recorder=Recorder(noise=(0.0, 0.0, 0.01), makes_error=True))
     recording, estimate = fitted(noisy)
     recorder = Scenario.from_fit(estimate, recording).recorder
-    assert recorder is not None
     assert recorder.makes_error
     assert recorder.noise[:2] == (0.0, 0.0)
     assert recorder.noise[2] == pytest.approx(0.01, rel=0.1)
@@ -113,7 +109,6 @@ def test_what_cannot_be_simulated_is_refused() -> None:
     recording, estimate = fitted(RECORDED)
     bare = replace(recording, controlled_element="", fd=None, x=np.roll(recording.x, 999, axis=1))
     unstable = replace(estimate, values=estimate.values * np.array([9.0, 1, 1, 1, 1, 1, 1]))
-    assert recording.fd is not None
     other = np.array([recording.fd[0], np.roll(recording.fd[0], 500)])
     for own, of, words in (
         (replace(estimate, outcome=Outcome.SINGULAR), recording, "cannot be simulated"),
@@ -199,7 +194,6 @@ def test_the_remnant_of_a_table_has_its_density() -> None:
 
 def test_simulations_of_a_fit_that_the_lines_contradict_cannot_be_believed(tmp_path: Path) -> None:
     found = try_fit(recording_of(NOMINAL, 1), NOMINAL.model, ["fourier"], tmp_path, 2, workers=1)
-    assert found.specification is not None
     assert found.specification.agrees
     doubtful = replace(found, specification=Specification(60.0, 1e-9, "fourier"))
     assert len(doubtful.sentences) == len(found.sentences) + 1

@@ -12,12 +12,13 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from pilotid.datasets import SCENARIOS, Scenario
+from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario
+from pilotid.datasets.population import Population
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.model.catalogue import MODELS
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.study.run import run_task, started
+from pilotid.study.run import run_task, scenario_of, started
 from pilotid.study.study import Study
 from pilotid.support.types import InputError
 
@@ -39,7 +40,7 @@ class Spy:
         return failed(self.name, model, Outcome.NOT_CONVERGED)
 
 
-def handed_by(scenario: Scenario, replication: int) -> tuple[Recording, PilotModel]:
+def handed_by(scenario: Scenario | Population, replication: int) -> tuple[Recording, PilotModel]:
     """What a study hands to a method: recording and model; the generator is not followed."""
     HANDED.clear()
     study = Study(scenario, Spy(), replication + 1)
@@ -114,10 +115,11 @@ def leaks(handed: object, scenario: Scenario) -> list[str]:
 
 
 #: With three decimals a sample is as likely as not to be a parameter.
-NOT_ROUNDED = [name for name in SCENARIOS if name != "recorder-rounded"]
+SOURCES = {**SCENARIOS, "population-short": POPULATIONS["population-short"]}
+NOT_ROUNDED = [name for name in SOURCES if name != "recorder-rounded"]
 #: The others differ from one of these in a number.
 FIRST = ("nominal", "single", "starts", "violation-saturated", "recorder-late",
-         "target-step")  # fmt: skip
+         "target-step", "population-short")  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -125,10 +127,10 @@ FIRST = ("nominal", "single", "starts", "violation-saturated", "recorder-late",
     [pytest.param(n, marks=() if n in FIRST else pytest.mark.long) for n in NOT_ROUNDED],
 )
 def test_nothing_that_a_method_is_handed_holds_the_truth(name: str) -> None:
-    scenario = SCENARIOS[name]
     # The other recording of `starts` is the same one, from another start.
     for replication in (0, 1):
-        recording, model = handed_by(scenario, replication)
+        recording, model = handed_by(SOURCES[name], replication)
+        scenario = scenario_of(SOURCES[name], 1, replication)
         # What is cached on first use.
         _ = model.start, model.lower, model.upper, model.layout, model.places
         assert leaks({"recording": recording, "model": model}, scenario) == []
