@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -210,6 +212,21 @@ def strict(text: str) -> Any:
         raise AssertionError(f"{word} is not JSON")
 
     return json.loads(text, parse_constant=no_constant)
+
+
+#: As in a shell's foreground: what a background job starts ignores interruptions.
+PROGRAM = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from pilotid.cli.main import main
+main()
+"""
+
+
+def python(*words: object, **more: Any) -> subprocess.CompletedProcess[str]:
+    """What this Python does in a process of its own."""
+    command = [sys.executable, *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, **more)
 
 
 @dataclass(frozen=True)

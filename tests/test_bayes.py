@@ -57,16 +57,6 @@ def sets_of(noise: NoiseModel, count: int) -> FloatArray:
 # ------------------------------------------------------------------------------- likelihood
 
 
-@pytest.mark.parametrize("noise", [LowPass(2), Autoregressive(4)], ids=lambda n: n.name)
-def test_a_widened_likelihood_knows_less_by_the_factor(noise: NoiseModel) -> None:
-    plain = likelihood_of(noise)
-    values = sets_of(LowPass(2), 5)[:, : plain.count]
-    widened = Posterior(plain.joint, widened=1.25)
-    np.testing.assert_allclose(
-        1.25 * widened.log_likelihood(values), plain.log_likelihood(values), rtol=1e-12
-    )
-
-
 @pytest.mark.parametrize("terms", [(), (0.0, -1.0 / 6.0)], ids=["plain", "nuisance"])
 @pytest.mark.parametrize("order", [0, 1, 2, 3])
 def test_sums_of_squares_are_the_last_elements_of_the_gram_matrices(

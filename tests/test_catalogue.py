@@ -41,12 +41,6 @@ FOLLOWING = PILOTS["pursuit"]
 THREE = PilotModel("three", (*PURSUIT.channels, RATE.channels[1]))
 
 
-def quiet(scenario: Scenario) -> Scenario:
-    """The scenario with hardly any remnant, and that white."""
-    remnant = replace(scenario.remnant, order=0, level=1e-6, level_is="ratio")
-    return replace(scenario, remnant=remnant)
-
-
 def recording_of(scenario: Scenario) -> Recording:
     return simulate(scenario, np.random.default_rng(1))
 
@@ -57,7 +51,8 @@ def recording_of(scenario: Scenario) -> Recording:
 @pytest.mark.parametrize("method", ["mle", "fourier"])
 @pytest.mark.parametrize("name", NEW)
 def test_a_pilot_with_next_to_no_remnant_is_recovered(name: str, method: str) -> None:
-    scenario = quiet(PILOTS[name])
+    remnant = replace(PILOTS[name].remnant, order=0, level=1e-6, level_is="ratio")
+    scenario = replace(PILOTS[name], remnant=remnant)
     estimate = identify(
         method_named(method), recording_of(scenario), scenario.model, np.random.default_rng(2)
     )

@@ -137,19 +137,9 @@ PLANTED: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
     "sign of fd": (lambda r: replace(r, fd=-r.fd), "wrong-sign", "fd"),
     "signs of u and fd": (lambda r: replace(r, u=-r.u, fd=-r.fd), "wrong-sign", "u and fd"),
     "u of another run": (other_pilot, "output-unrelated", "x"),
-    "sign of u in one run": (
-        lambda r: in_one_run(r, lambda r: replace(r, u=-r.u)),
-        "wrong-sign",
-        "run 3",
-    ),
     "x and e tripled in one run": (
         lambda r: in_one_run(r, lambda r: replace(r, e=3.0 * r.e, x=3.0 * r.x, ft=3.0 * r.ft)),
         "element-differs",
-        "run 3",
-    ),
-    "sign of e in one run": (
-        lambda r: in_one_run(r, lambda r: replace(r, e=-r.e)),
-        "wrong-sign",
         "run 3",
     ),
     "two runs appended": (appended, "lost-samples", "x"),

@@ -10,16 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers import PROGRAM
 
 pytest.importorskip("distributed")
 
-#: As in a shell's foreground: what a background job starts ignores interruptions.
-PROGRAM = """
-import signal
-signal.signal(signal.SIGINT, signal.default_int_handler)
-from pilotid.cli.main import main
-main()
-"""
 OTHER_CODE = """
 import pilotid.support.jobs
 pilotid.support.jobs.own_digest = lambda: "0ther"

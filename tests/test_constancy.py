@@ -29,15 +29,25 @@ from pilotid.support.types import FloatArray
 pytestmark = pytest.mark.numerical
 
 
+def left_by(jacobian: FloatArray, y: FloatArray) -> FloatArray:
+    """Jacobian, shape (parameters, runs, samples), and what a regression on it leaves."""
+    table = jacobian.reshape(len(jacobian), -1)
+    found = np.linalg.lstsq(table.T, y.ravel())[0]
+    return np.concatenate([jacobian, (y.ravel() - found @ table).reshape(1, *y.shape)])
+
+
 def regression(rng: np.random.Generator, *, change: float = 0.0) -> FloatArray:
     """Jacobian and residual of a straight regression, which may change after two thirds."""
-    jacobian = rng.normal(size=(4, 2, 150))
-    y = rng.normal(size=(2, 150))
+    jacobian, y = rng.normal(size=(4, 2, 150)), rng.normal(size=(2, 150))
     y[:, 100:] += change * jacobian[1, :, 100:]
-    table = jacobian.reshape(4, -1)
-    found = np.linalg.lstsq(table.T, y.ravel())[0]
-    errors = (y.ravel() - found @ table).reshape(1, 2, 150)
-    return np.concatenate([jacobian, errors])
+    return left_by(jacobian, y)
+
+
+def wandering(rng: np.random.Generator, size: float = 0.0) -> FloatArray:
+    """The same of three long runs, in which the last parameter wanders."""
+    jacobian = rng.standard_normal((4, 3, 2000))
+    slow = np.repeat(rng.standard_normal((3, 20)), 100, axis=1)
+    return left_by(jacobian, rng.standard_normal((3, 2000)) + size * slow * jacobian[2])
 
 
 def left(columns: FloatArray, y: FloatArray) -> float:
@@ -104,18 +114,8 @@ def test_constant_pilots_are_not_said_to_change(scenario: Scenario) -> None:
 # ------------------------------------------------------------------ scores of segments
 
 
-def rows_of(rng: np.random.Generator, wander: float = 0.0) -> np.ndarray:
-    """Jacobian and least-squares residuals of three runs, the last parameter wandering."""
-    jacobian = rng.standard_normal((4, 3, 2000))
-    slow = np.repeat(rng.standard_normal((3, 20)), 100, axis=1)
-    errors = rng.standard_normal((3, 2000)) + wander * slow * jacobian[2]
-    table = jacobian.reshape(4, -1).T
-    errors -= (table @ np.linalg.lstsq(table, errors.ravel())[0]).reshape(errors.shape)
-    return np.concatenate([jacobian, errors[None]])
-
-
 def test_it_is_chi_squared_of_constant_parameters() -> None:
-    found = [score_dispersion(rows_of(np.random.default_rng(seed)), 3, 200) for seed in range(60)]
+    found = [score_dispersion(wandering(np.random.default_rng(seed)), 3, 200) for seed in range(60)]
     statistics, freedom = np.array([s for s, _ in found]), found[0][1]
     assert {f for _, f in found} == {3 * 30 - 3}
     assert np.mean(statistics) == pytest.approx(freedom, abs=3.0 * (2.0 * freedom / 60) ** 0.5)
@@ -123,12 +123,12 @@ def test_it_is_chi_squared_of_constant_parameters() -> None:
 
 
 def test_a_parameter_that_wanders_disperses_the_scores() -> None:
-    statistic, freedom = score_dispersion(rows_of(np.random.default_rng(1), 0.3), 3, 100)
+    statistic, freedom = score_dispersion(wandering(np.random.default_rng(1), 0.3), 3, 100)
     assert statistic > chi_squared_limit(freedom, 1e-6)
 
 
 def test_parameters_without_a_slope_and_single_segments_do_not_count() -> None:
-    rows = rows_of(np.random.default_rng(2))
+    rows = wandering(np.random.default_rng(2))
     rows[1] = 0.0
     assert score_dispersion(rows, 3, 200)[1] == 2 * 30 - 2
     assert score_dispersion(rows[:, :1], 3, 5000) == (0.0, 0)

@@ -13,7 +13,7 @@ from pilotid.datasets.signals import Remnant
 from pilotid.estimate.estimate import Outcome, Starts
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import MIN_VAF_RATIO, PilotCheck
-from pilotid.likelihood.prediction import Prediction, predict
+from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.prepare import analysis_band
 from pilotid.likelihood.remnant_models import NOISE_MODELS, criterion
 from pilotid.likelihood.search import (
@@ -35,13 +35,6 @@ from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 
-BAND = 50.0
-
-
-def prediction_of(scenario: Scenario, seed: int = 1) -> Prediction:
-    recording = simulate(scenario, np.random.default_rng(seed))
-    return predict(recording, scenario.model, BAND)
-
 
 def swept(
     recording: Recording, model: PilotModel, seed: int, known: FloatArray
@@ -56,7 +49,8 @@ def test_without_groups_the_reduction_is_the_windowed_transform(
 ) -> None:
     """Oracle: one bin a group leaves the sums of squares of the windowed spectra."""
     monkeypatch.setattr("pilotid.likelihood.prediction.MAX_BINNED_WIDTH", 0.0)
-    prediction = prediction_of(replace(NOMINAL, runs=2))
+    recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(1))
+    prediction = predict(recording, NOMINAL.model, 50.0)
     values = 1.1 * NOMINAL.values[None]
     scored = prediction.scored
     window = np.sqrt(8.0 / 3.0) * np.hanning(scored + 1)[:-1]

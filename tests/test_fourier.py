@@ -32,9 +32,6 @@ from pilotid.recording.spectra import NotMultisineError, forcing_lines
 from pilotid.spectral.coefficients import coefficients_of
 from pilotid.spectral.equations import Equations
 
-GAIN_ONLY = MODELS["gain"]
-RATE = MODELS["rate"]
-
 pytestmark = pytest.mark.numerical
 
 
@@ -224,7 +221,7 @@ def no_forcing(recording: Recording) -> Recording:
         (simulate(scenario_named("target-only"), np.random.default_rng(1)), MULTI, "both a target"),
         (noisy(), two_on_error(), "two channels on one input"),
         (replace(noisy(), lines={"ft": (6, 9), "fd": (5, 9)}), MULTI, "common lines"),
-        (replace(noisy(), lines={"ft": (6,)}, fd=None), GAIN_ONLY, "single line"),
+        (replace(noisy(), lines={"ft": (6,)}, fd=None), MODELS["gain"], "single line"),
         (replace(noisy(), lines={"ft": (6, 9)}, fd=None), SINGLE, "too few"),
         (replace(noisy(), lines={"ft": (6, 2048)}), SINGLE, "half the number of samples"),
     ],
@@ -237,7 +234,7 @@ def test_objections_have_reasons(recording: Recording, model: PilotModel, reason
 
 def test_a_channel_on_the_output_alone_is_identified() -> None:
     # What a pilot without a visual channel would be: u = -Km s x.
-    motion = Channel("motion", "output", -1, RATE.channels[1].factors)
+    motion = Channel("motion", "output", -1, MODELS["rate"].channels[1].factors)
     model = PilotModel("motion", (motion,))
     truth = {"Km": 0.5, "tdm": 0.15, "fnm": 11.0, "dnm": 0.4}
     recording = noisy()

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import csv
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import PROGRAM, python
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimate.estimate import Estimate, Outcome
@@ -81,20 +80,13 @@ def test_only_the_user_interrupts() -> None:
         answer("interrupt")
 
 
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    program = "from pilotid.cli.main import main; main()"
-    return subprocess.run(
-        [sys.executable, "-c", program, *map(str, arguments)], capture_output=True, text=True
-    )
-
-
 @pytest.mark.long
 def test_a_study_of_hostile_methods_ends_with_its_report(tmp_path: Path) -> None:
     deadly = ("interrupt", "vanish", "kill", "leave", "nan", "good")
     methods = ",".join(hostile(how) for how in deadly)
     options = ("--scenario", "single", "--replications", "1")
     limits = ("--workers", "2", "--out", tmp_path)
-    done = run("compare", *options, *limits, "--method", methods)
+    done = python("-c", PROGRAM, "compare", *options, *limits, "--method", methods)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "report.html").exists()
     ends = {
@@ -110,7 +102,7 @@ def test_a_study_of_hostile_methods_ends_with_its_report(tmp_path: Path) -> None
     (tmp_path / "report.html").unlink()
     few = ",".join(hostile(how) for how in ("hang", "vanish", "nan"))
     more = ("--method", few, "--time-limit", "8", "--retry-failed")
-    again = run("compare", *options, *limits, *more)
+    again = python("-c", PROGRAM, "compare", *options, *limits, *more)
     assert again.returncode == 0, again.stderr
     assert "holds 1 of 3 fits already" in again.stdout, again.stdout
     assert (tmp_path / "report.html").exists()

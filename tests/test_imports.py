@@ -5,8 +5,6 @@ from __future__ import annotations
 import ast
 import os
 import re
-import subprocess
-import sys
 import tomllib
 from collections.abc import Sequence
 from graphlib import TopologicalSorter
@@ -14,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import python
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.recording.files import save_recording
@@ -164,9 +163,7 @@ def assert_light(statement: str, libraries: Sequence[str]) -> None:
     """What a statement imports, in a process of its own, is none of these."""
     found = f"[m for m in {libraries!r} if m in sys.modules]"
     check = f"{statement}\nimport sys; print('HEAVY', {found})"
-    done = subprocess.run(
-        [sys.executable, "-c", check], capture_output=True, text=True, check=True, timeout=60
-    )
+    done = python("-c", check, check=True)
     assert done.stdout.splitlines()[-1] == "HEAVY []"
 
 
@@ -186,9 +183,7 @@ def test_the_front_door_is_open_at_once() -> None:
         "print([m for m in sys.modules if m.startswith(('numpy', 'pilotid'))])\n"
         "print(pilotid.methods.__name__, pilotid.plot.__name__, pilotid.MLE.__module__)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", check], capture_output=True, text=True, check=True, timeout=60
-    )
+    done = python("-c", check, check=True)
     assert done.stdout.splitlines() == [
         "['pilotid']",
         "pilotid.methods pilotid.plots.plots pilotid.methods.mle",
@@ -205,7 +200,5 @@ def test_the_command_has_one_thread_of_linear_algebra_unless_told(
     )
     kept = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     own = kept if given is None else {**kept, "OMP_NUM_THREADS": given}
-    answer = subprocess.run(
-        [sys.executable, "-c", code], env=own, capture_output=True, text=True, check=True
-    )
+    answer = python("-c", code, env=own, check=True)
     assert answer.stdout.split() == [expected, "1"]

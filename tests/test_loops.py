@@ -25,9 +25,6 @@ from pilotid.model.loops import (
 from pilotid.model.model import PilotModel
 from pilotid.support.types import FloatArray
 
-GAIN_ONLY = MODELS["gain"]
-PURSUIT = MODELS["pursuit"]
-
 pytestmark = pytest.mark.numerical
 
 OMEGA = np.geomspace(0.05, 50.0, 50)
@@ -163,8 +160,8 @@ def poles_of_control(model: PilotModel, element: ControlledElement) -> int:
         (SINGLE, double_integrator, 5.388),
         (MULTI, single_integrator, 0.868),
         (MULTI, double_integrator, 5.448),
-        (GAIN_ONLY, single_integrator, 7.866),
-        (PURSUIT, single_integrator, 2.485),
+        (MODELS["gain"], single_integrator, 7.866),
+        (MODELS["pursuit"], single_integrator, 2.485),
     ],
     ids=["single K/s", "single K/s^2", "multi K/s", "multi K/s^2", "gain K/s", "pursuit K/s"],
 )

@@ -20,7 +20,6 @@ from pilotid.likelihood.choice import by_likelihood
 from pilotid.methods.fourier import Fourier
 
 FOLLOWING = MODELS["following"]
-PURSUIT = MODELS["pursuit"]
 
 pytestmark = pytest.mark.numerical
 
@@ -125,7 +124,7 @@ def test_feedforward_and_feedback_of_exchanged_lines(measured: Path) -> None:
     recording = preview_runs(measured / "preview", "zu", "fo")
     assert recording.runs == 12
     assert not remarks(recording)
-    found = Fourier().first_step(recording, PURSUIT)
+    found = Fourier().first_step(recording, MODELS["pursuit"])
     share, error = inverse_shares(found, "fo")
     low = found.omega <= 2.0 * np.pi * LOW
     weights = error[~low] ** -2

@@ -175,47 +175,6 @@ def test_iteration_limit_is_kept_and_reported() -> None:
     assert not minima.converged.any()
 
 
-def counted(gram: Gram) -> tuple[Gram, list[int]]:
-    """A gram, and how many parameter sets it was asked for each time."""
-    asked: list[int] = []
-
-    def asking(values: FloatArray) -> FloatArray:
-        asked.append(len(values))
-        return gram(values)
-
-    return asking, asked
-
-
-def test_a_search_goes_on_from_where_it_ended_with_what_it_knew() -> None:
-    gram, asked = counted(pilot_problem().gram)
-    starts = np.array([MULTI.start, 1.1 * MULTI.start])
-    rough = minimise(gram, starts, MULTI, tolerance=1e-4)
-    asked.clear()
-    fine = minimise(gram, rough.only([0]), MULTI, tolerance=1e-10)
-    on = list(asked)
-    asked.clear()
-    anew = minimise(gram, rough.values[:1], MULTI, tolerance=1e-10)
-    assert set(on) == {1}
-    assert len(on) == fine.iterations - 1  # the point itself is known
-    assert len(on) < len(asked)
-    step = fine.values[0] - anew.values[0]
-    assert step @ fine.gram[0, :-1, :-1] @ step < 1e-8 * fine.cost[0]
-    assert fine.gram[0] == pytest.approx(gram(fine.values)[0], rel=1e-6)
-
-
-def test_a_step_that_is_far_too_long_is_shortened_at_once() -> None:
-    # Nearly flat where it starts, a wall beyond: the first step promises to cross it.
-    def rows(values: FloatArray) -> FloatArray:
-        (x,) = values
-        return np.array([[0.01 + 400.0 * x**3], [1.0 - 0.01 * x - 100.0 * x**4]])
-
-    space = Box(np.array([-1e3]), np.array([1e3]), np.array([False]))
-    gram, asked = counted(gram_of(rows))
-    end = minimise(gram, np.array([[0.0]]), space, tolerance=1e-12)
-    assert end.values[0, 0] == pytest.approx(0.3160, abs=2e-4)
-    assert len(asked) < 30  # 38, where each failure lengthens the damping eightfold
-
-
 def test_search_turns_back_where_the_problem_is_not_a_number() -> None:
     rejected = []
 

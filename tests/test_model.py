@@ -33,10 +33,6 @@ from pilotid.model.factors import (
 from pilotid.model.model import PilotModel
 from pilotid.support.types import ComplexArray, FloatArray
 
-GAIN_ONLY = MODELS["gain"]
-LEAD_LAG = MODELS["lead-lag"]
-RATE = MODELS["rate"]
-
 pytestmark = pytest.mark.numerical
 
 OMEGA = np.geomspace(0.05, 50.0, 41)
@@ -147,9 +143,9 @@ def test_multi_response_is_the_formula_of_the_paper() -> None:
     [
         (SINGLE, "Kvis tlead tdvis fnm dnm"),
         (MULTI, "Kvis tlead tdvis Kvest tdvest fnm dnm"),
-        (GAIN_ONLY, "Kvis tdvis fnm dnm"),
-        (LEAD_LAG, "Kvis tlead tlag tdvis fnm dnm"),
-        (RATE, "Kvis tlead tdvis Km tdm fnm dnm"),
+        (MODELS["gain"], "Kvis tdvis fnm dnm"),
+        (MODELS["lead-lag"], "Kvis tlead tlag tdvis fnm dnm"),
+        (MODELS["rate"], "Kvis tlead tdvis Km tdm fnm dnm"),
         (LAGGED, "Kvis tlag tdvis fnm dnm"),
         (WASHED, "Kvis tlead Km tw tdm fnm dnm"),
     ],

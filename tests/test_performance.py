@@ -1,16 +1,20 @@
-"""Performance and control activity: variances and what they are made of."""
+"""What an analysis computes of recordings: variances and their parts, and runs left out."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL
+from helpers import NOMINAL, SINGLE_LOOP, recording_of
+from pandas import DataFrame, concat
 
 from pilotid.datasets import simulate
 from pilotid.estimate.estimate import Outcome, failed
-from pilotid.experiment.fits import lines_shared, performance
+from pilotid.experiment.fits import lines_shared, performance, predict_left_out
+from pilotid.experiment.report import ranked
+from pilotid.methods.mle_white import MLEWhite
 from pilotid.support.numbers import recording_rng
 
 pytestmark = pytest.mark.numerical
@@ -76,3 +80,38 @@ def test_a_loop_that_nothing_excites_has_no_margins(absent: str, left: str) -> N
     assert [q.key for q in loops.quantities] == [f"{left}_crossover", f"{left}_phase_margin"]
     assert all(np.isfinite(q.value) for q in loops.quantities)
     assert np.isnan(getattr(loops, absent).crossover.value)
+
+
+# ------------------------------------------------------------------ runs left out
+
+
+def rows(method: str, likelihoods: list[float], vaf: float = 80.0) -> DataFrame:
+    known: dict[str, object] = {"file": "a", "run": [1, 2, 3], "model": "single", "method": method}
+    return DataFrame({**known, "vaf": vaf, "log_likelihood": likelihoods})
+
+
+def test_every_run_is_predicted_by_the_others() -> None:
+    recording = recording_of(replace(SINGLE_LOOP, runs=4))
+    (found,) = predict_left_out(recording, SINGLE_LOOP.model, {"mine": MLEWhite()}, 3, 1)
+    assert found["method"] == "mine"
+    assert found["outcome"] == "converged"
+    assert 40.0 < found["vaf"] < 100.0
+
+
+def test_methods_are_ranked_by_pairs_of_runs() -> None:
+    lost = rows("lost", [math.nan] * 3).assign(vaf=math.nan)
+    found = ranked(
+        concat([lost, rows("bad", [97.0, 97.0, 97.0]), rows("good", [101.0, 102.0, 103.0])])
+    )
+    assert [*found["method"]] == ["good", "bad", "lost"]
+    assert [*found["failed"]] == [0, 0, 3]
+    good, bad, lost = found.itertuples()
+    assert (good.behind, good.vaf_mean) == (0.0, 80.0)
+    assert (bad.behind, bad.behind_error) == pytest.approx((-5.0, 1.0 / math.sqrt(3.0)))
+    assert math.isnan(lost.behind)
+
+
+def test_a_method_that_fails_once_costs_the_others_that_run_alone() -> None:
+    found = ranked(concat([rows("a", [10.0] * 3), rows("b", [12.0, math.nan, 12.0])]))
+    assert [*found["method"]] == ["b", "a"]
+    assert found["behind"][1] == pytest.approx(-2.0)

@@ -28,9 +28,6 @@ from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import minimise
 from pilotid.support.types import FloatArray
 
-PRECISION = MODELS["precision"]
-RATE = MODELS["rate"]
-
 pytestmark = pytest.mark.numerical
 
 BANDS = (None, 26.0, 31.0, 50.0)
@@ -229,7 +226,7 @@ def test_decays_that_are_alike_do_not_hide_one_another(size: float) -> None:
 
 def test_decays_of_a_lag_that_outlasts_the_pre_history_always_stay() -> None:
     recording = simulate(NOMINAL, np.random.default_rng(5))
-    for model in (PRECISION, PRECISION.with_fixed(tleadlow=3.0)):
+    for model in (MODELS["precision"], MODELS["precision"].with_fixed(tleadlow=3.0)):
         prediction = predict(recording, model, 26.0)
         assert 6.0 < prediction.pre_history <= 8.0
         lag = min(model.slowest_lag(model.start), prediction.pre_history)
@@ -295,12 +292,12 @@ def test_decimation_keeps_the_band_below_half_the_new_sampling_rate(
     assert Prepared(recording, SINGLE, band).dt == pytest.approx(0.02 * factor)
 
 
-@pytest.mark.parametrize(("model", "order"), [(RATE, 1), (MULTI, 2)], ids=["first", "second"])
+@pytest.mark.parametrize(("name", "order"), [("rate", 1), ("multi", 2)])
 @pytest.mark.parametrize("omega", [0.08, 1.0, 12.0, 30.0, 60.0])
 def test_differences_of_sines_are_exact_up_to_beyond_the_pilots_band(
-    model: object, order: int, omega: float
+    name: str, order: int, omega: float
 ) -> None:
-    prepared = Prepared(of_time(x=lambda t: np.sin(omega * t)), model)  # type: ignore[arg-type]
+    prepared = Prepared(of_time(x=lambda t: np.sin(omega * t)), MODELS[name])
     derivative = prepared.inputs[1][0] / omega**order
     expected = np.cos(omega * prepared.time) if order == 1 else -np.sin(omega * prepared.time)
     # Rounding of the second difference grows as the sine slows down, to some 3e-7.

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import csv
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from checks import front
+from helpers import python
 
 from pilotid.methods import METHODS
 from pilotid.model.catalogue import MODELS
@@ -21,9 +20,7 @@ EXAMPLES = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
 
 def test_the_example_runs() -> None:
     (example,) = EXAMPLES
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", example], capture_output=True, text=True, timeout=60
-    )
+    done = python("-W", "error", "-c", example)
     assert done.returncode == 0, done.stderr
     assert "mle: converged" in done.stdout
 
@@ -34,10 +31,8 @@ def test_the_method_in_the_guide_keeps_what_methods_promise(tmp_path: Path) -> N
     (own,) = re.findall(r"%%writefile onestart.py\n(.*?)```", text, flags=re.DOTALL)
     (check,) = re.findall(r"```\{code-cell\}\n(from pilotid.testing.*?)```", text, flags=re.DOTALL)
     (tmp_path / "onestart.py").write_text(own, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "-c", check], capture_output=True, timeout=120, cwd=tmp_path
-    )
-    assert done.returncode == 0, done.stderr.decode()
+    done = python("-c", check, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
 
 
 def test_the_tables_are_those_of_the_reference() -> None:
@@ -73,8 +68,3 @@ def test_the_tables_name_every_model_and_method() -> None:
     }
     names = [re.match(r"\[`(.+)`\]", row[0]) for row in rows(methods, "All methods")]
     assert {name[1] for name in names if name} == set(METHODS)
-
-
-def test_ci_runs_the_readme_s_test_command() -> None:
-    (command,) = (line.strip() for line in README.splitlines() if line.endswith("nox -s tests"))
-    assert f"\n{command}\n" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")

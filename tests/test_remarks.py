@@ -18,8 +18,6 @@ from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.model import PilotModel
 from pilotid.support.disk import strict_json
 
-LEAD_LAG = MODELS["lead-lag"]
-
 pytestmark = pytest.mark.numerical
 
 PILOTS = {
@@ -52,7 +50,7 @@ def with_interval(estimate: Estimate, key: str, low: float, high: float) -> Esti
 
 
 def test_an_estimate_with_nothing_wrong_says_nothing() -> None:
-    assert remarks_on(estimate_of(SINGLE)) == remarks_on(estimate_of(LEAD_LAG)) == ()
+    assert remarks_on(estimate_of(SINGLE)) == remarks_on(estimate_of(MODELS["lead-lag"])) == ()
 
 
 def test_pairs_that_cannot_be_told_apart_are_named_with_what_can_be_reported() -> None:

@@ -149,15 +149,11 @@ def test_windows_are_cut_to_whole_periods(
         assert lines.tolist() == [periods * line for line in LINES[name]]
 
 
-def stepping(samples: int) -> FloatArray:
-    return np.sign(sines((1,), samples))
-
-
 LEFT_ALONE = {
     "one whole period": ramped(0, PERIOD),
     "no forcing function": Recording(DT, *np.random.default_rng(1).standard_normal((3, 1, 2700))),
     "noise": recorded(np.random.default_rng(2).standard_normal(2700)),
-    "steps": recorded(stepping(2700)),
+    "steps": recorded(np.sign(sines((1,), 2700))),
     "few lines": ramped(300, 2700, ft=(2, 5)),
     "a repetition that is not exact": recorded(
         sines((2, 5, 11, 17, 23), 2700) + 0.02 * np.random.default_rng(2).standard_normal(2700)

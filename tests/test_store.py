@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-import subprocess
-import sys
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import Answer, Run
+from helpers import Answer, Run, python
 from stores import finish
 
 from pilotid.study.table import OF_METHODS, OF_SCENARIOS, Entry, Fit, Store
@@ -202,11 +200,7 @@ def test_a_full_disk_is_a_sentence_and_costs_nothing(finished: Path, tmp_path: P
     folder = copied(finished, tmp_path / "study")
     with Store(folder) as store:
         before = len(store.fits())
-    done = subprocess.run(
-        [sys.executable, "-c", FILLING.format(here=HERE), folder, "300000"],
-        capture_output=True,
-        text=True,
-    )
+    done = python("-c", FILLING.format(here=HERE), folder, 300000)
     assert (done.returncode, done.stderr) == (2, "")
     number, sentence = done.stdout.split(" ", 1)
     assert sentence.startswith(str(folder / STORE))

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, estimate_at, recording_of
+from helpers import NOMINAL, PROGRAM, estimate_at, python, recording_of
 
 from pilotid.checks.checks import remarks
 from pilotid.datasets import scenario_named
@@ -147,9 +147,7 @@ print(study.frame.method[0])
 def test_a_script_without_a_main_guard_runs_once(tmp_path: Path) -> None:
     file = tmp_path / "script.py"
     file.write_text(SCRIPT)
-    done = subprocess.run(
-        [sys.executable, file, tmp_path / "out"], capture_output=True, text=True, check=True
-    )
+    done = python(file, tmp_path / "out", check=True)
     assert done.stdout.split() == ["once", "mine(band=20)"]
     assert done.stderr == ""
 
@@ -213,15 +211,6 @@ def test_remarks_of_a_study_are_in_its_store(tmp_path: Path) -> None:
         kept = {fit.scenario: fit.remarks for fit in store.fits()}
     assert not kept["nominal"]
     assert "samples are lost or spiked" in kept["recorder-lost"]
-
-
-#: As in a shell's foreground: what a background job starts ignores interruptions.
-PROGRAM = """
-import signal
-signal.signal(signal.SIGINT, signal.default_int_handler)
-from pilotid.cli.main import main
-main()
-"""
 
 
 #: Each fit lasts while a file lies beside it, so that no machine ends the study too soon.
@@ -304,7 +293,7 @@ def test_a_study_that_was_killed_goes_on_and_ends_as_if_nothing_had_been(
     held = fits_in(killed)
     assert 5 <= held < 24
     (tmp_path / "slowly").unlink()
-    again = subprocess.run(command(killed, *unhurried), capture_output=True, text=True)
+    again = python(*command(killed, *unhurried)[1:])
     assert again.returncode == 0, again.stderr
     assert f"holds {held} of 24 fits already" in again.stdout
     methods = unhurried[1].split(",")
@@ -365,9 +354,7 @@ def test_a_scheduler_that_does_not_answer_is_a_sentence(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     options = ("--method", "mle-white", "--replications", "1")
     program, *more = command(tmp_path, *options, "--scheduler", "tcp://127.0.0.1:1")[2:]
-    done = subprocess.run(
-        [sys.executable, "-c", IMPATIENT + program, *more], capture_output=True, text=True
-    )
+    done = python("-c", IMPATIENT + program, *more)
     assert done.returncode == 2
     assert "no Dask scheduler answers" in done.stderr
     assert "Traceback" not in done.stderr

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from stores import failed, finish
 
+from pilotid.datasets import SCENARIOS
 from pilotid.report.study import overview, write_report
+from pilotid.study.study import scenario_entry
 from pilotid.study.table import Entry, Fit, Store, read_study
 from pilotid.support.format import as_text, decimals, number, plus_minus, share, signed
 from pilotid.support.store import Key
@@ -38,24 +40,9 @@ def plain(text: str) -> str:
 
 
 def entry(name: str, position: int = 0) -> Entry:
-    length = float(name[7:]) if name.startswith("length-") else 81.92
-    runs = int(name[5:]) if name.startswith("runs-") else 1
-    level = float(name[8:]) if name.startswith("remnant-") else 0.4
-    settings = {
-        "class": "Scenario",
-        "name": name,
-        "remnant": {"class": "Remnant", "frequency": 3.5, "damping": 0.7, "level": level},
-        "duration": length,
-        "runs": runs,
-        "one_recording": name == "starts",
-        "start_spread": 0.4 if name == "starts" else 0.0,
-    }
-    family = name.partition("-")[0]
-    family = family if family in ("length", "runs", "remnant") else ""
-    model = "single" if name == "single" else "multi"
-    remnant = 0.0307 if name == "remnant-0.1" else None
-    about = {"description": f"case {name}", "model": model, "family": family}
-    return Entry(name, position, settings, remnant=remnant, **about)
+    """A scenario of the catalogue, or one that has another name."""
+    known = scenario_entry(SCENARIOS.get(name, SCENARIOS["nominal"]), position)
+    return replace(known, name=name)
 
 
 def fit(
