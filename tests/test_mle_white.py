@@ -187,4 +187,5 @@ def test_a_coloured_residual_is_a_doubt(name: str) -> None:
     assert "residual-not-white" in codes_of(fit_of(method, NOMINAL).remarks)
     for replication in range(2):
         fit = fit_of(method, WHITE, replication)
+        assert fit.outcome.usable
         assert "residual-not-white" not in codes_of(fit.remarks)
