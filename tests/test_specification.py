@@ -91,6 +91,8 @@ def test_the_first_recording_of_nominal_is_no_accident_of_one_in_14000() -> None
 def test_the_level() -> None:
     assert Specification(1.0, ESTIMATE.misspecified, "fourier").agrees
     assert not Specification(1.0, 0.9 * ESTIMATE.misspecified, "fourier").agrees
+    for words, p in (("no significant", 0.06), ("not clearly", 0.004), ("contradicts", 0.0001)):
+        assert words in Specification(1.0, p, "f").sentence
 
 
 @pytest.mark.long
