@@ -270,78 +270,78 @@ def test_kind_is_read(tmp_path: Path, write: Writer, runs: int, more: dict[str, 
 #: Name, file, and what the sentence must say.
 REFUSED: list[tuple[str, Writer, list[str]]] = [
     ("comments that name no columns", written(text("# pilot 3").replace("\n", "\n# t,e,u\n", 1)),
-     ["line 3"]),
+     ["has no column 't'", "only 0.0000, 2.4634"]),
     ("several missing", written(text("time,err,stick,phi")),
-     ["'t'", "'e'", "'u'", "'x'", "t=COLUMN,e=COLUMN,u=COLUMN"]),
+     ["'t'", "'e'", "'u'", "t=COLUMN,e=COLUMN,u=COLUMN"]),
     ("no time and no rate", written(text("e,u,x", columns={k: ONE[k] for k in "eux"})),
      ["no column 't' for t (time)", "--dt 0.01"]),
     ("two units of one name", written(text("t,e [deg],e [rad],u")), ["may be e", "e=e [deg]"]),
-    ("unit of time", written(text("t [min],e,u,x")), ["the unit of the time is 'min'", "in s, ms"]),
+    ("unit of time", written(text("t [min],e,u,x")), ["the time is in 'min'", "in s, ms"]),
     ("decimal commas between commas", written(text(decimal=",")),
-     ["line 2 has 8 cells but the header has 4", "semicolons"]),
+     ["line 2 has 8 cells, the header 4", "semicolons"]),
     ("mixed decimals", written(GERMAN.replace(",", ".", 300)),
      ["F.csv: line 77, column u"]),
-    ("empty cells", written(text() + "12.00,,,\n12.05,1,1,1\n"), ["the cell is empty"]),
+    ("empty cells", written(text() + "12.00,,,\n12.05,1,1,1\n"), ["line 242, column u: ''"]),
     ("a spreadsheet", written(b"PK\x03\x04", "F.xlsx"), [".csv or a .mat file", ".npz"]),
     ("binary", written(bytes(range(256)) * 9), ["line 2 has 1 cells"]),
     ("MATLAB table", written(with_object("table"), "F.mat"),
-     ["T is a MATLAB table, of which only MATLAB makes matrices"]),
+     ["only T.<object: save it as matrices>"]),
     ("MATLAB time series", written(with_object("timeseries", "stick"), "F.mat"),
-     ["stick is a MATLAB timeseries"]),
+     ["only stick.<object: save it as matrices>"]),
     ("MATLAB runs of unequal length", saved({"d": structs([run(0), {**SHORT}])}),
-     ["variable d(2).u is 239", "240 samples", "all runs at one length"]),
+     ["d{2}.u, run 2, is 239", "240 samples", "runs at one length"]),
     ("MATLAB runs at other times", saved({"d": structs([run(0), run(1, t=T + 1.0)])}),
-     ["the time of run 2 differs"]),
+     ["alike in all runs, but run 2, from 1 s on"]),
     ("MATLAB two arrays of structs",
      saved({"a": structs([run(0)] * 2), "b": structs([run(1)] * 2)}),
-     ["the structs a, b all hold signals", "F.mat::a"]),
+     ["only a{1}.t", "F.mat::a"]),
     ("MATLAB no such part", part(saved({"a": run(0)}), "b"), ["no part 'b', only a"]),
     ("no such level", part(saved({**TWO, "sigma": [3, 17]}), "sigma=4"),
-     ["no run has 'sigma' = '4', but 3, 17"]),
+     ["no run has 'sigma=4', sigma is 3, 17"]),
     ("levels of no runs", part(saved({**TWO, "sigma": [3, 17, 5]}), "sigma=3"),
      ["a variable with one number for each of the 2 runs"]),
-    ("part of a table", part(written(text()), "a"), ["a table has no part 'a'"]),
+    ("part of a table", part(written(text()), "a"), ["has no part 'a', only none"]),
     ("several rates", saved({**ONE, "u": np.repeat(U[0], 2)}), ["480", "at one rate"]),
     ("npz of objects", numpy_file({**ONE, "u": np.array([{}, 1])}, "F.npz"),
      ["variable u does not hold real numbers"]),
-    ("npz cut short", written(b"PK\x03\x04" + bytes(99), "F.npz"), ["is no .npz file"]),
-    ("HDF5 of other bytes", written(bytes(999), "F.h5"), ["is no .h5 file"]),
+    ("npz cut short", written(b"PK\x03\x04" + bytes(99), "F.npz"), ["no .npz file"]),
+    ("HDF5 of other bytes", written(bytes(999), "F.h5"), ["no .h5 file"]),
 ]  # fmt: skip
 
 #: Lines of a CSV file, and what the sentence must say.
 REFUSED_LINES: list[tuple[list[str], list[str]]] = [
-    (replaced(5, "0.15,abc,0,0"), ["line 5, column e: 'abc' is not a finite number"]),
+    (replaced(5, "0.15,abc,0,0"), ["line 5, column e: 'abc' is no finite number"]),
     (replaced(5, ""), ["line 5 has 0 cells"]),
-    (replaced(5, '0.15,"0,0,0'), ["line 5 cannot be read as comma-separated values"]),
-    (replaced(5, "0.05,0,0,0"), ["the time steps by -0.05 s at line 5"]),
-    (rows()[:9] + rows()[10:], ["time steps by 0.1 s at line 10"]),
+    (replaced(5, '0.15,"0,0,0'), ["line 5 has 0 cells"]),
+    (replaced(5, "0.05,0,0,0"), ["run 1, from 0 s on, has a step of 0.15 s behind 0.05 s"]),
+    (rows()[:9] + rows()[10:], ["a step of 0.1 s behind 0.35 s"]),
     (replaced(1, "t,e,v,x"), ["no column 'u' for u (control)", "t, e, v, x", "--map u="]),
     (replaced(1, "z,e,u,x"), ["no column 't' for t (time)", "z, e, u, x", "--map t=", "--dt"]),
-    (replaced(1, "t,e,u,u"), ["F.csv: line 1, the header"]),
-    (rows()[1:], ["line 1"]),
-    (["x," + rows()[0], *("1," + r for r in rows()[1:])], ["F.csv: line 1, the header"]),
+    (replaced(1, "t,e,u,u"), ["F.csv: u, u.1 may be u", "--map u=u"]),
+    (rows()[1:], ["has no column 't'", "only 0.00"]),
+    (["x," + rows()[0], *("1," + r for r in rows()[1:])], ["F.csv: x, x.1 may be x"]),
     (rows(199), ["lasts 9.95 s"]),
     ([HEADER, *(f"{n * 10},{n},{n},{n}" for n in range(99))], ["time in seconds"]),
     ([HEADER, *(f"{n * DT:.2f},{n},0.5,{n}" for n in range(240))], ["u is constant in run 1"]),
     ([r.replace(",", ";") for r in replaced(5, "0.15,1 5,0,0")], ["line 5, column e: '1 5'"]),
     ([r.replace(",", ";") for r in rows()[:4]] + ["0,15;0;0;0"], ["decimal point"]),
-    (renamed("t,e,u_1,x,u_3", 5), ["line 1", "without a gap"]),
-    (renamed("t,e,u_0,x,u_1", 5), ["F.csv: line 1, the header"]),
+    (renamed("t,e,u_1,x,u_3", 5), ["F.csv: u_1, u_3 may be u", "without a gap"]),
+    (renamed("t,e,u_0,x,u_1", 5), ["F.csv: u_0, u_1 may be u"]),
     (renamed("t,e,u_1,x,u_2", 5), ["signal e is of the shape (1, 240) and u of (2, 240)"]),
-    (renamed("t,e,u_1,x,u_2,run", 6), ["F.csv: line 1, the header"]),
-    ([*long_format(["1", "2"])[:-1]], ["'2'", "line 242", "239", "240"]),
+    (renamed("t,e,u_1,x,u_2,run", 6), ["F.csv: has no column 'u'"]),
+    ([*long_format(["1", "2"])[:-1]], ["run 2, is 239", "240"]),
     (
         [*long_format(["1"]), *(f"2,{r}" for r in rows(start=1.0)[1:])],
-        ["the time of run 2 differs"],
+        ["alike in all runs, but run 2, from 1 s on"],
     ),
-    ([*long_format(["1", "1"])], ["the time steps by", "at line 242"]),
+    ([*long_format(["1", "1"])], ["a step of -11.95 s behind 11.95 s", "number runs"]),
     (["run,t,e,u,x", "a,0,0,0,0"], ["holds 1 samples"]),
 ]
 
 #: Bytes of a CSV file.
 REFUSED_BYTES: list[tuple[bytes, list[str]]] = [
-    (b"", ["line 1"]),
-    (b"t,e,u,x\n0,1,2,\xe9\n", ["line 2, column x: 'é' is not a finite number"]),
+    (b"", ["has no column 't'"]),
+    (b"t,e,u,x\n0,1,2,\xe9\n", ["line 2, column x: 'é' is no finite number"]),
     ("t,e,u,x\n0,1,2,3\n".encode("utf-16"), ["holds 1 samples"]),
 ]
 
@@ -349,11 +349,11 @@ REFUSED_BYTES: list[tuple[bytes, list[str]]] = [
 REFUSED_NOTES: list[tuple[str, list[str]]] = [
     ('{"runs": 1,\n "units": }', ["F.json", "line 2"]),
     ('{"run-in": 8}', ["F.json: run-in", "the keys are runs, run_in, dt, units"]),
-    ('{"runs": 2}', ["F.csv", "2 runs"]),
-    ('{"run_in": 2.0}', ["F.csv", "40 samples of run-in"]),
+    ('{"runs": 2}', ["F.csv: holds 1 runs", "2 runs"]),
+    ('{"run_in": 2.0}', ["F.csv: holds 1 runs and 20 samples of run-in", "40 samples"]),
     ('{"run_in": -1}', ["F.json: run_in"]),
-    ('{"dt": 0.06}', ["F.csv: the note dt says 0.06 s"]),
-    ('{"units": {"y": "deg"}}', ["F.json: units", "'y'"]),
+    ('{"dt": 0.06}', ["F.csv: --dt or the note dt says 0.06 s"]),
+    ('{"units": {"y": "deg"}}', ["F.json", "units: 'y'"]),
     ('{"lines": {"ft": [1, "2"]}}', ["F.json: lines.ft.1"]),
     ('{"units": {"u": "' + "m" * 41 + '"}}', ["F.json: units.u"]),
 ]
@@ -361,15 +361,15 @@ REFUSED_NOTES: list[tuple[str, list[str]]] = [
 #: The variables of a MATLAB file.
 REFUSED_VARIABLES: list[tuple[dict[str, object], list[str]]] = [
     (spoilt(u=None), ["has no variable 'u' for u (control), only t, e, x", "--map u="]),
-    ({}, ["'t'", "'e'", "'u'", "'x'"]),
-    (spoilt(u=TWO["u"][1:].T), ["variable t", "239", "240"]),
-    (spoilt(u=np.ones((240, 2, 2))), ["variable u is 240 x 2 x 2"]),
+    ({}, ["'t'", "'e'", "'u'"]),
+    (spoilt(u=TWO["u"][1:].T), ["t, run 1, is 240", "239"]),
+    (spoilt(u=np.ones((240, 2, 2))), ["u, run 1, is 240 x 2 x 2"]),
     (spoilt(u=3.0), ["the first run of u has 1 samples"]),
     (spoilt(u=TWO["u"] * 1j), ["variable u does not hold real numbers"]),
     (spoilt(u=np.array([1, "a"], dtype=object)), ["variable u{2} does not hold real numbers"]),
     (spoilt(u=NOT_A_NUMBER), ["sample 11 of run 2"]),
-    (spoilt(t=TWO["u"]), ["the time of run 2 differs"]),
-    (spoilt(t=np.zeros(SAMPLES)), ["the time steps by 0 s at sample 2 of t"]),
+    (spoilt(t=TWO["u"]), ["evenly", "run 1"]),
+    (spoilt(t=np.zeros(SAMPLES)), ["a step of 0 s behind 0 s"]),
     (spoilt(pilotid={"runs": 3}), ["3 runs"]),
     (spoilt(pilotid={"speed": 3}), ["variable pilotid"]),
 ]
@@ -588,7 +588,7 @@ def test_advice_of_a_refusal_can_be_followed(tmp_path: Path) -> None:
     path = saved({"a": structs([run(0), run(1)]), "b": structs([run(1), run(0)])})(tmp_path)
     with pytest.raises(InputError) as caught:
         load_recording(path)
-    advised = str(caught.value).rpartition("as in ")[2].partition(",")[0]
+    advised = str(caught.value).rpartition("as in ")[2]
     np.testing.assert_array_equal(load_recording(advised).u, U)
     np.testing.assert_array_equal(load_recording(advised[:-1] + "b").u, U[::-1])
 
@@ -596,7 +596,7 @@ def test_advice_of_a_refusal_can_be_followed(tmp_path: Path) -> None:
 def test_the_sampling_interval_must_agree_with_the_time(tmp_path: Path) -> None:
     path = written(text())(tmp_path)
     assert load_recording(path, dt=DT).dt == DT
-    with pytest.raises(InputError, match=r"--dt says 0.01 s but the samples are 0.05 s apart"):
+    with pytest.raises(InputError, match=r"dt says 0.01 s but the samples are 0.05 s apart"):
         load_recording(path, dt=0.01)
     (tmp_path / "F.json").write_text('{"dt": 0.05}')
     written(text("e,u,x", columns={k: ONE[k] for k in "eux"}))(tmp_path)

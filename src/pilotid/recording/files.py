@@ -84,16 +84,12 @@ def load_recording(
     """
     source = path_shown(path)
     file, part = file_and_part(path)
-    is_text = _suffix(file, source, READ) in TEXTS
-    if is_text and part:
-        raise InputError(
-            f"{source}: a table has no part {shown(part)}; write the rows into a file of their own"
-        )
+    read = read_table if _suffix(file, source, READ) in TEXTS else read_arrays
     require_file(file)
     try:
         with np.errstate(all="ignore"):  # files may hold anything
-            content = read_table(file, source) if is_text else read_arrays(file, source, part)
-            recording = recording_of(content, mapping, dt, source)
+            content = read(file, source, part)
+            recording = recording_of(content, mapping, dt)
     except OSError as error:
         raise InputError(
             f"{source}: cannot be read ({error.strerror or error}); check the file and its rights"
@@ -117,25 +113,18 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     InputError
         If the format is unknown or the file cannot be written.
     """
-    from pilotid.recording.sidecar import parsed
+    from pilotid.recording.sidecar import Sidecar, parsed
 
     source = path_shown(path)
     file = Path(path)
     suffix = _suffix(file, source, WRITTEN)
-    facts = {
-        "runs": recording.runs,
-        "run_in": recording.run_in * recording.dt,
-        "dt": recording.dt,
-        "units": {**recording.units},
-        "lines": {name: [*lines] for name, lines in recording.lines.items()},
-        "extra": [*recording.extra],
-        "controlled_element": recording.controlled_element,
-    }
+    known = {**recording.to_dict(), "extra": [*recording.extra]}
+    facts = json.dumps({name: known[name] for name in Sidecar.model_fields})
     notes = parsed(facts, source).model_dump(exclude_defaults=True)
     columns: dict[str, Any] = {}
     for name in recording.signals:
         runs = recording.input(name)
-        same = name not in ("e", "u", "x") and all(r.tobytes() == runs[0].tobytes() for r in runs)
+        same = name not in ("e", "u", "x") and len({run.tobytes() for run in runs}) == 1
         columns[name] = (runs[:1] if same else runs).T
     stream = io.BytesIO()
     if suffix == ".mat":
@@ -166,8 +155,7 @@ def _suffix(file: Path, source: str, known: Collection[str]) -> str:
 def read_with(files: Sequence[Path]) -> list[Path]:
     """Recordings, and the files beside them that belong to them."""
     real = [file for file in map(file_of, files) if file.name]
-    beside = ((file, sidecar_path(file), file.with_suffix(".truth.json")) for file in real)
-    return [path for group in beside for path in group]
+    return [f for r in real for f in (r, sidecar_path(r), r.with_suffix(".truth.json"))]
 
 
 @dataclass(frozen=True)
@@ -195,18 +183,15 @@ class Reading:
     runs: str = ""
     span: str = ""
 
-    @property
-    def names(self) -> dict[str, str] | None:
-        """The file's names by our signals; None for our own."""
-        return parse_mapping(",".join(self.mapping)) if self.mapping else None
-
     def one(self, file: Path) -> Recording:
         """The recording in a file."""
-        recording = load_recording(file, self.names, self.dt, periods=not self.span)
+        names = parse_mapping(",".join(self.mapping)) if self.mapping else None
+        recording = load_recording(file, names, self.dt, periods=not self.span)
         recording = replace(recording, lead_in=self.lead_in)
         if self.span:
             recording = recording.cut(*span_of(self.span))
-        return detrended(recording) if self.detrend else recording
+        recording = detrended(recording) if self.detrend else recording
+        return chosen_runs(recording, self.runs) if self.runs else recording
 
     def all(self, files: Sequence[Path], *, joint: bool) -> tuple[list[Recording], list[str]]:
         """The recordings in files, as one if they are runs of one, and why others are refused.
@@ -214,16 +199,14 @@ class Reading:
         One bad file of several does not cost the others; where none is good, or all are runs of
         one recording, there is nothing to go on with.
         """
-        recordings, refused = [], []
+        recordings, refused = list[Recording](), list[str]()
         together = joint and len(files) > 1
+        each = replace(self, runs="") if together else self
         for file in files:
             try:
-                recording = self.one(file)
-                if self.runs and not together:
-                    recording = chosen_runs(recording, self.runs)
-                recordings.append(recording)
+                recordings.append(each.one(file))
             except InputError as error:
-                if joint or len(files) == 1:
+                if joint:
                     raise
                 refused.append(str(error))
         if not recordings:

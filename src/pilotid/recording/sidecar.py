@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import codecs
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from pilotid.recording.recording import SIGNALS
 from pilotid.recording.windows import sidecar_path
@@ -46,16 +46,22 @@ class Sidecar(BaseModel):
     extra: Annotated[list[str], Listed] = []
     controlled_element: Annotated[str, Field(max_length=200, pattern=LABEL)] = ""
 
+    @model_validator(mode="after")
+    def _units_of_signals(self) -> Self:
+        if unknown := self.units.keys() - {*SIGNALS, *self.extra}:
+            raise ValueError(f"units: {min(unknown)[:50]!r} is no signal, nor named under extra")
+        return self
 
-def parsed(raw: object, where: str) -> Sidecar:
-    """The facts in JSON text, or in plain objects.
+
+def parsed(raw: str | bytes, where: str) -> Sidecar:
+    """The facts in JSON text.
 
     Parameters
     ----------
     raw
-        Bytes of JSON, or a mapping.
+        The text.
     where
-        Where they stand, for messages.
+        Where it stands, for messages.
 
     Raises
     ------
@@ -63,24 +69,14 @@ def parsed(raw: object, where: str) -> Sidecar:
         For an unknown key or a value of the wrong kind; of broken JSON with the line.
     """
     try:
-        if isinstance(raw, bytes):
-            sidecar = Sidecar.model_validate_json(raw.removeprefix(codecs.BOM_UTF8))
-        else:
-            sidecar = Sidecar.model_validate(raw)
+        return Sidecar.model_validate_json(raw)
     except ValidationError as error:
         wrong = error.errors()[0]
         place = ".".join(map(str, wrong["loc"])) or "all of it"
         raise InputError(
-            f"{where}: {place[:50]}: {wrong['msg']}; correct it or leave it out (the keys are "
-            f"{', '.join(Sidecar.model_fields)}; rename the file if it is no description of a "
-            "recording)"
+            f"{where}: {place[:50]}: {wrong['msg']}; correct it, leave it out or rename the file "
+            f"(the keys are {', '.join(Sidecar.model_fields)})"
         ) from None
-    if unknown := sidecar.units.keys() - {*SIGNALS, *sidecar.extra}:
-        raise InputError(
-            f"{where}: units: {min(unknown)[:50]!r} is neither a signal nor named under extra; "
-            "correct it or leave it out"
-        )
-    return sidecar
 
 
 def read_sidecar(file: Path) -> Sidecar:
@@ -95,4 +91,4 @@ def read_sidecar(file: Path) -> Sidecar:
     if not path.exists():
         return Sidecar()
     require_file(path)
-    return parsed(path.read_bytes(), path_shown(path))
+    return parsed(path.read_bytes().removeprefix(codecs.BOM_UTF8), path_shown(path))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import codecs
 import csv
 import re
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,13 +21,15 @@ MORE = "..."  # behind the last name, where more columns follow than there are n
 Lines = list[tuple[int, str]]
 
 
-def read_table(path: Path, source: str) -> Content:
+def read_table(path: Path, source: str, part: str) -> Content:
     """What a text file and its sidecar hold.
 
     Parameters
     ----------
     path, source
         The file, and its name in messages.
+    part
+        See `Content`.
 
     Raises
     ------
@@ -37,45 +38,41 @@ def read_table(path: Path, source: str) -> Content:
     """
     from pilotid.recording.sidecar import read_sidecar
 
-    number, rows = 1, list[list[str]]()
-    try:
-        lines, separator = _layout(_text(path))
-        while len(lines) > 1 and not lines[-1][1].strip(f"{separator} \t"):
-            del lines[-1]
-        for number, line in lines:
-            rows.append(_cells(line, separator))
-            if len(rows[-1]) != len(rows[0]):
-                raise InputError(
-                    f"{source}: line {number} has {len(rows[-1])} cells but the header has "
-                    f"{len(rows[0])}; complete or remove that line, or separate cells by "
-                    "semicolons if decimals have commas"
-                )
-    except csv.Error as error:
-        what = f"line {number} cannot be read as comma-separated values ({error})"
-        raise InputError(f"{source}: {what}; correct it") from None
+    lines, separator = _layout(_text(path))
+    while len(lines) > 1 and not lines[-1][1].strip(f"{separator} \t"):
+        del lines[-1]
+    rows = list[list[str]]()
+    for number, line in lines:
+        rows.append(_cells(line, separator))
+        if len(rows[-1]) != len(rows[0]):
+            raise InputError(
+                f"{source}: line {number} has {len(rows[-1])} cells, the header {len(rows[0])}; "
+                "complete or remove it, or separate cells by semicolons if decimals have commas"
+            )
     header = [name.strip() for name in rows[0]]
-    names, times_named = list[str](), Counter[str]()
-    for name in header:  # told apart as pandas does it: state, state.1
-        names.append(f"{name}.{times_named[name]}" if name in times_named else name)
-        times_named[name] += 1
-    units = [_unit(cell) for cell in rows[1]] if len(rows) > 1 else []
+    # Columns of one name are told apart as pandas does it: state, state.1.
+    names = [f"{n}.{header[:k].count(n)}" if n in header[:k] else n for k, n in enumerate(header)]
+    units = [_unit(cell) for row in rows[1:2] for cell in row]
     begin = 2 if any(units) and None not in units else 1
-    numbers, columns = [n for n, _ in lines[begin:]], [*zip(*rows[begin:], strict=True)]
-    cells = dict(zip(names, columns or [()] * len(names), strict=True))
+    numbers = [number for number, _ in lines[begin:]]
+    columns = zip(names, zip(*rows, strict=True), strict=True)
+    cells = {name: column[begin:] for name, column in columns}
     runs: dict[str, list[int]] = {}
-    for place, run in enumerate(cells.get(RUN, ())):
+    for place, run in enumerate(cells.get(RUN, [""] * len(numbers))):
         runs.setdefault(run.strip(), []).append(place)
-    first = next(iter(runs.values()), range(len(numbers)))
+
+    def arrays(name: str) -> list[FloatArray]:
+        column = _column(name, cells[name], numbers, source)
+        return [column[places] for places in [*runs.values()] or [[]]]
+
     return Content(
         "column",
-        f"{source}: line {lines[0][0]}, the header",
-        cells,
+        source,
         {name: _family(as_read, header) for name, as_read in zip(names, header, strict=True)},
         read_sidecar(path),
-        lambda name: _column(name, cells[name], numbers, source),
-        units=dict(zip(names, map(str, units), strict=True)) if begin == 2 else {},
-        place=lambda sample: f"line {numbers[first[sample]]}",
-        runs={f"run {shown(run)} from line {numbers[at[0]]} on": at for run, at in runs.items()},
+        arrays,
+        part,
+        dict(zip(names, map(str, units), strict=True)) if begin == 2 else {},
     )
 
 
@@ -89,12 +86,10 @@ def _column(name: str, cells: Sequence[str], numbers: Sequence[int], source: str
     """A column as finite numbers."""
     commas = any("," in cell for cell in cells) and not any("." in cell for cell in cells)
     values = np.array([number_of(cell.replace(",", ".") if commas else cell) for cell in cells])
-    if (bad := np.flatnonzero(~np.isfinite(values))).size:
-        cell = cells[bad[0]]
-        what = f"{shown(cell)} is not a finite number" if cell else "the cell is empty"
+    for bad in np.flatnonzero(~np.isfinite(values)).tolist():
         raise InputError(
-            f"{source}: line {numbers[bad[0]]}, column {shown(name)[1:-1]}: {what}; repair or cut "
-            f"the recording there, and write a decimal {'comma' if commas else 'point'}"
+            f"{source}: line {numbers[bad]}, column {shown(name)[1:-1]}: {shown(cells[bad])} is no "
+            f"finite number with a decimal {'comma' if commas else 'point'}; repair or cut it there"
         )
     return values
 
@@ -102,10 +97,9 @@ def _column(name: str, cells: Sequence[str], numbers: Sequence[int], source: str
 def _text(path: Path) -> str:
     """The characters of a file: UTF-8, UTF-16 with a mark, or Latin-1."""
     data = path.read_bytes()
-    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        return data.decode("utf-16", "replace")
+    is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
-        return data.decode("utf-8-sig")
+        return data.decode("utf-16" if is_wide else "utf-8-sig")
     except UnicodeDecodeError:
         return data.decode("latin-1")
 
@@ -118,37 +112,33 @@ def _layout(text: str) -> tuple[Lines, str]:
     it if that holds units.  Names that end in ``...`` stand for as many as there are columns.
     """
     lines = list(enumerate(re.split(r"\r\n|\r|\n", text), start=1))
-    begin = next((k for k, (_, line) in enumerate(lines) if _is_row(line)), 0)
-    comments = [(number, line.strip("#% \t")) for number, line in lines[:begin]]
-    body = [(n, line) for n, line in lines[begin:] if not line.lstrip().startswith(COMMENT)]
-    first = body[0][1] if body else ""
-
-    def cells(line: str) -> list[str]:
-        return _cells(line, _separator(line))
-
-    width = len(cells(first))
-    fits = [k for k, (_, c) in enumerate(comments) if c.endswith(MORE) or len(cells(c)) == width]
-    if re.match(NUMBER, first) and fits:
-        start = end = fits[-1]
-        if end - 1 in fits and None not in map(_unit, cells(comments[end][1])):
-            start -= 1
-        number, header = comments[start]
-        if header.endswith(MORE):
-            names = cells(header.removesuffix(MORE))
-            header = _separator(header).join([*names, *names[-1:] * (width - len(names))])
-        body = [(number, header), *comments[start + 1 : end + 1], *body]
+    rows = [n for n, line in lines if line.strip() and not line.lstrip().startswith(COMMENT)]
+    begin = rows[0] if rows else 1
+    comments = [(n, line.strip("#% \t")) for n, line in lines[: begin - 1]]
+    body = [(n, line) for n, line in lines[begin - 1 :] if not line.lstrip().startswith(COMMENT)]
     body = body or [(1, "")]
+    width = len(_cells(body[0][1]))
+    fits = [k for k, (_, c) in enumerate(comments) if c.endswith(MORE) or len(_cells(c)) == width]
+    if re.match(NUMBER, body[0][1]) and fits:
+        end = fits[-1]
+        has_units = end - 1 in fits and None not in map(_unit, _cells(comments[end][1]))
+        body = [*comments[end - has_units : end + 1], *body]
+        number, header = body[0]
+        if header.endswith(MORE):
+            names = _cells(header.removesuffix(MORE))
+            names += names[-1:] * (width - len(names))
+            body[0] = number, _separator(header).join(names)
     return body, _separator(body[0][1])
 
 
-def _is_row(line: str) -> bool:
-    return bool(line.strip()) and not line.lstrip().startswith(COMMENT)
-
-
-def _cells(line: str, separator: str) -> list[str]:
-    """The cells of a line."""
+def _cells(line: str, separator: str = "") -> list[str]:
+    """The cells of a line; none where quotes are not closed."""
+    separator = separator or _separator(line)
     line = line.strip() if separator == " " else line
-    return next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True), [])
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True), [])
+    except csv.Error:
+        return []
 
 
 def _separator(line: str) -> str:
