@@ -37,7 +37,6 @@ for path in map(eval, sys.stdin):
     sys.stdout.flush()
 """
 LOCK = Lock()
-HDF5 = b"\x89HDF\r\n\x1a\n"  # how v7.3 files begin, behind a header of 512 bytes
 NOTES = "pilotid"  # the struct variable that holds what a CSV's sidecar holds
 OBJECT = {"<object: save it as matrices>": None}  # tables, time series
 
@@ -104,10 +103,9 @@ def _content(path: Path) -> dict[str, Any]:
                 with suppress(ValueError):  # an object of Python could run a program
                     content[name] = archive[name].squeeze()
             return content
-        head = stream.read(520)
-    if HDF5 in (head[:8], head[512:]):
-        import h5py
+    import h5py  # when it is needed
 
+    if h5py.is_hdf5(path):
         with h5py.File(path, "r") as file:
             return dict(_in_hdf5(file))
     return {name: value for name, value in _loaded(path).items() if not name.startswith("__")}

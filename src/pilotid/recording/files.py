@@ -92,7 +92,7 @@ def load_recording(
             recording = recording_of(content, mapping, dt)
     except OSError as error:
         raise InputError(
-            f"{source}: cannot be read ({error.strerror or error}); check the file and its rights"
+            f"{error.filename or source}: cannot be read ({error.strerror}); check its rights"
         ) from error
     return whole_periods(recording) if periods and content.notes.run_in is None else recording
 

@@ -10,7 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from pilotid.recording.recording import SIGNALS
 from pilotid.recording.windows import sidecar_path
-from pilotid.support.disk import path_shown, require_file
+from pilotid.support.disk import path_shown
 from pilotid.support.types import InputError
 
 #: MATLAB has no whole numbers of its own, and no lists of one.
@@ -88,7 +88,5 @@ def read_sidecar(file: Path) -> Sidecar:
         If the sidecar cannot be used.
     """
     path = sidecar_path(file)
-    if not path.exists():
-        return Sidecar()
-    require_file(path)
-    return parsed(path.read_bytes().removeprefix(codecs.BOM_UTF8), path_shown(path))
+    raw = path.read_bytes() if path.is_file() else b"{}"
+    return parsed(raw.removeprefix(codecs.BOM_UTF8), path_shown(path))

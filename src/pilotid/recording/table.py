@@ -65,15 +65,9 @@ def read_table(path: Path, source: str, part: str) -> Content:
         column = _column(name, cells[name], numbers, source)
         return [column[places] for places in [*runs.values()] or [[]]]
 
-    return Content(
-        "column",
-        source,
-        {name: _family(as_read, header) for name, as_read in zip(names, header, strict=True)},
-        read_sidecar(path),
-        arrays,
-        part,
-        dict(zip(names, map(str, units), strict=True)) if begin == 2 else {},
-    )
+    families = {n: _family(as_read, header) for n, as_read in zip(names, header, strict=True)}
+    stated = dict(zip(names, map(str, units), strict=True)) if begin == 2 else {}
+    return Content("column", source, families, read_sidecar(path), arrays, part, stated)
 
 
 def _family(name: str, header: Sequence[str]) -> str:
