@@ -26,8 +26,9 @@ from pilotid.recording.windows import sidecar_path
 from pilotid.support.types import FloatArray, InputError
 
 READER = """
-import pickle, sys
+import pickle, signal, sys
 from scipy.io import loadmat
+signal.signal(signal.SIGINT, signal.SIG_IGN)
 for path in map(eval, sys.stdin):
     try:
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
@@ -60,23 +61,13 @@ def read_arrays(path: Path, source: str, part: str) -> Content:
 
     try:
         variables = dict(_named(_content(path), ""))
+        facts = _facts(variables)
     except Exception as error:  # what is damaged, or too large, fails in any way whatsoever
         what = shown(f"{type(error).__name__}: {error}")[1:-1]
         raise InputError(
             f"{source}: is damaged, too large or no {path.suffix} file ({what}); save t, e, u, x "
             "again, in MATLAB with save -v7"
         ) from None
-    facts: dict[str, Any] = {}
-    for name in [name for name in variables if name.partition(".")[0] == NOTES]:
-        *keys, last = name.split(".")[1:] or ["it is no struct"]
-        place = facts
-        for key in keys:
-            place = place.setdefault(key, {})
-        place[last] = variables.pop(name)
-
-    def plain(value: Any) -> Any:  # JSON knows no arrays
-        empty = "" if value.dtype.kind == "U" else []
-        return value.tolist() if value.size else empty
 
     def arrays(name: str) -> list[FloatArray]:
         values = np.atleast_1d(variables[name])
@@ -86,11 +77,24 @@ def read_arrays(path: Path, source: str, part: str) -> Content:
             )
         return [values]
 
-    notes = parsed(json.dumps(facts, default=plain), f"{source}, variable {NOTES}")
+    notes = parsed(facts, f"{source}, variable {NOTES}")
     if path.suffix.lower() != ".mat" and sidecar_path(path).exists():
         notes = read_sidecar(path)
     families = {name: re.sub(r"\{[0-9]+\}", "", name) for name in variables}
     return Content("variable", source, families, notes, arrays, part)
+
+
+def _facts(variables: dict[str, Any]) -> str:
+    """The notes as JSON; they are taken out of the variables."""
+    facts: dict[str, Any] = {}
+    for name in [name for name in variables if name.partition(".")[0] == NOTES]:
+        *keys, last = name.split(".")[1:] or ["it is no struct"]
+        place = facts
+        for key in keys:
+            place = place.setdefault(key, {})
+        place[last] = variables.pop(name)
+    # An array is all that JSON does not know; an empty text is one.
+    return json.dumps(facts, default=lambda a: a.tolist() if a.size or a.dtype.kind != "U" else "")
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -153,7 +157,7 @@ def _in_hdf5(entry: Any) -> Any:
 def _reader(owner: int) -> Any:
     """The process that reads for the one with this id; one that was forked has another."""
     command = [sys.executable, "-PWignore", "-c", READER]
-    return Popen(command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, start_new_session=True)
+    return Popen(command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL)
 
 
 def _loaded(path: Path) -> dict[str, Any]:

@@ -239,8 +239,9 @@ def _columns_of_signals(
             f"{source}: has no part {shown(part)}, only {listed(parts)}; name one behind ::"
         )
     columns = columns_in(part)
-    holding = [part for part in parts if not lacking(columns_in(part))]
-    if not part and len(holding) == 1 and (lacking(columns) or "x" not in columns):
+    is_found = part or ("x" in columns and not lacking(columns))
+    holding = [inner for inner in parts if not (is_found or lacking(columns_in(inner)))]
+    if len(holding) == 1:
         columns = columns_in(holding[0])
     if absent := lacking(columns):
         what = (f"{shown(places[s][1])} for {s} ({NAMES.get(s, 'extra signal')})" for s in absent)

@@ -73,8 +73,9 @@ def parsed(raw: str | bytes, where: str) -> Sidecar:
     except ValidationError as error:
         wrong = error.errors()[0]
         place = ".".join(map(str, wrong["loc"])) or "all of it"
+        what = wrong["msg"].removeprefix("Value error, ")
         raise InputError(
-            f"{where}: {place[:50]}: {wrong['msg']}; correct it, leave it out or rename the file "
+            f"{where}: {place[:50]}: {what}; correct it, leave it out or rename the file "
             f"(the keys are {', '.join(Sidecar.model_fields)})"
         ) from None
 
