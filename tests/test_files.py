@@ -297,7 +297,7 @@ REFUSED: list[tuple[str, Writer, list[str]]] = [
     ("no such level", part(saved({**TWO, "sigma": [3, 17]}), "sigma=4"),
      ["no run has 'sigma=4', sigma is 3, 17"]),
     ("levels of no runs", part(saved({**TWO, "sigma": [3, 17, 5]}), "sigma=3"),
-     ["a variable with one number for each of the 2 runs"]),
+     ["choose by one number for each of the 2 runs"]),
     ("part of a table", part(written(text()), "a"), ["has no part 'a', only none"]),
     ("several rates", saved({**ONE, "u": np.repeat(U[0], 2)}), ["480", "at one rate"]),
     ("npz of objects", numpy_file({**ONE, "u": np.array([{}, 1])}, "F.npz"),

@@ -203,8 +203,8 @@ def _runs_at(content: Content, signals: Mapping[str, FloatArray]) -> dict[str, F
     chosen = levels == number_of(value)
     if chosen.size != runs or not chosen.any():
         raise InputError(
-            f"{content.source}: no run has {shown(content.part)}, {name} is {listed(levels)}; "
-            f"choose by a variable with one number for each of the {runs} runs"
+            f"{content.source}: no run has {shown(content.part)}, {name} is "
+            f"{listed(np.unique(levels))}; choose by one number for each of the {runs} runs"
         )
     return {s: v[chosen] if len(v) == runs else v for s, v in signals.items()}
 
@@ -273,11 +273,7 @@ def _columns(content: Content, wanted: str, part: str, is_chosen: bool) -> list[
         return [wanted]
     for form in (str, lambda name: bare(name)[0], lambda name: bare(name)[0].casefold()):
         for start in (f"{part}." * bool(part), ""):
-            names = [
-                name
-                for name, family in content.families.items()
-                if family.startswith(start) and form(family.removeprefix(start)) == form(wanted)
-            ]
+            names = [n for n, f in content.families.items() if form(f) == form(start + wanted)]
             if names:
                 return sorted(names, key=lambda name: (len(bare(name)[0]), name))
     return []

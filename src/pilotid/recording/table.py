@@ -41,12 +41,11 @@ def read_table(path: Path, source: str, part: str) -> Content:
     lines, separator = _layout(_text(path))
     while len(lines) > 1 and not lines[-1][1].strip(f"{separator} \t"):
         del lines[-1]
-    rows = list[list[str]]()
-    for number, line in lines:
-        rows.append(_cells(line, separator))
-        if len(rows[-1]) != len(rows[0]):
+    rows = [_cells(line, separator) for _, line in lines]
+    for (number, _), row in zip(lines, rows, strict=True):
+        if len(row) != len(rows[0]):
             raise InputError(
-                f"{source}: line {number} has {len(rows[-1])} cells, the header {len(rows[0])}; "
+                f"{source}: line {number} has {len(row)} cells, the header {len(rows[0])}; "
                 "complete or remove it, or separate cells by semicolons if decimals have commas"
             )
     header = [name.strip() for name in rows[0]]
