@@ -102,20 +102,6 @@ def test_processes_have_one_thread_each_and_the_environment_is_left_as_it_was() 
     assert os.environ.get("OMP_NUM_THREADS") == before
 
 
-def test_tasks_are_taken_as_they_are_needed() -> None:
-    taken = []
-
-    def tasks() -> object:
-        for i in range(1000):
-            taken.append(i)
-            yield i
-
-    answers = run_tasks(doubled, tasks(), never, 1)  # type: ignore[arg-type]
-    next(answers)
-    answers.close()  # type: ignore[attr-defined]
-    assert len(taken) < 20
-
-
 def test_processes_that_end_as_they_start_are_a_sentence(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

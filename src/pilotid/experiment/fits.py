@@ -49,7 +49,7 @@ from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import known_lines
 from pilotid.recording.windows import of_runs, span_of
 from pilotid.support.format import with_bar
-from pilotid.support.jobs import Loss, own_digest, processors, run_tasks
+from pilotid.support.jobs import Loss, own_digest, run_tasks
 from pilotid.support.naming import code_digest, packed, to_jsonable, unpacked
 from pilotid.support.numbers import LEVEL, fit_rng
 from pilotid.support.remarks import Remark, remark_of
@@ -406,8 +406,8 @@ def _contents(
 ) -> Iterator[tuple[Part, Content]]:
     """The recording and content of each task, in their order; `refused` gets why there is none."""
     todo = [task for task in tasks if store.get(dict, (task.key, "", 0)) is None]
-    count, lost = min(workers or processors(), len(todo)), dict[str, str]()
-    answers = run_tasks(perform, todo, given_up, count, seconds=TIME_LIMIT)
+    lost = dict[str, str]()
+    answers = run_tasks(perform, todo, given_up, workers, seconds=TIME_LIMIT)
     for task, content, why in with_bar(answers, what, len(todo)):
         if content is None:
             lost[task.key] = why

@@ -92,7 +92,7 @@ def fit_trials(seed: int, workers: int | None) -> DataFrame:
     """All fits of Figs 9 to 11, a row for each parameter; failed ones have no value."""
     from pandas import DataFrame
 
-    answers = run_tasks(fit_trial, trials(seed), _given_up, workers)
+    answers = run_tasks(fit_trial, [*trials(seed)], _given_up, workers)
     return DataFrame([row for rows in answers for row in rows])
 
 

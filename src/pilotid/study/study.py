@@ -227,7 +227,7 @@ class Study:
         time_limit: float | None = TIME_LIMIT,
     ) -> Iterator[Fit]:
         """Fit what is pending; each result is in the store before it comes out."""
-        tasks = self.tasks(pending)
+        tasks = [*self.tasks(pending)]
         for fit in run_tasks(run_task, tasks, given_up, workers, scheduler, time_limit):
             if not fit.estimates:
                 origin, _ = self.pairs[fit.scenario, fit.method]

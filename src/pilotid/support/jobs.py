@@ -6,25 +6,24 @@ A task whose process dies or that takes too long is given up, and costs the othe
 from __future__ import annotations
 
 import enum
-import hashlib
 import logging
 import os
-import platform
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, partial
 from importlib.metadata import version
 from importlib.util import find_spec
-from itertools import chain, islice
+from itertools import islice
 from multiprocessing import spawn
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from threading import Lock
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
+from pilotid.support.naming import LIBRARIES, digest_of
 from pilotid.support.types import InputError, reason
 
 Task = TypeVar("Task")
@@ -33,7 +32,6 @@ Answer = TypeVar("Answer")
 THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 TIME_LIMIT = 600.0  # s
 POLL_INTERVAL = 0.5  # s
-LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
 
 
 class Loss(enum.Enum):
@@ -43,16 +41,30 @@ class Loss(enum.Enum):
     TIMED_OUT = "it took longer than the time limit"
 
 
-#: How many tasks to hand over at once; submits a function and its task; and why a task that ends
-#: with an error has no answer, or raises what else is wrong; and whether answers still come.
-Executor = tuple[
-    int, Callable[..., Future[Any]], Callable[[Exception], tuple[Loss, str]], Callable[[], bool]
-]
+class Workers(NamedTuple):
+    """Processes that do tasks.
+
+    Attributes
+    ----------
+    room
+        How many tasks to hand over at once.
+    submit
+        Hands over a function, what it may take on a local process [s], and its task.
+    losses
+        By the error that a lost task ends with, why it has no answer.
+    active
+        Whether answers still come.
+    """
+
+    room: int
+    submit: Callable[..., Future[Any]]
+    losses: Mapping[type[Exception], tuple[Loss, str]]
+    active: Callable[[], bool] = lambda: True
 
 
 def run_tasks(
     function: Callable[[Task], Answer],
-    tasks: Iterable[Task],
+    tasks: Sequence[Task],
     given_up: Callable[[Task, Loss, str], Answer],
     workers: int | None = None,
     scheduler: str | None = None,
@@ -65,7 +77,7 @@ def run_tasks(
     function
         What to do; importable, as tasks and answers cross process boundaries.
     tasks
-        What to do it to; they are taken as they are needed.
+        What to do it to.
     given_up
         Makes the answer to a task that has none, given why, also in words.
     workers
@@ -81,28 +93,27 @@ def run_tasks(
     InputError
         If processes cannot start, the scheduler does not answer, or a worker of it runs other code.
     """
-    remaining = iter(tasks)
-    first = list(islice(remaining, workers or processors()))
-    if not first:
+    if not tasks:
         return
-    remaining, running = chain(first, remaining), dict[Future[Any], Task]()
-    chosen = _processes(len(first), seconds) if scheduler is None else _cluster(scheduler)
-    with chosen as (room, submit, loss, works), ExitStack() as leaving:
-        leaving.callback(running.clear)  # futures that outlive a client of Dask's complain
+    count = min(workers or processors(), len(tasks))
+    chosen = _processes(count, seconds) if scheduler is None else _cluster(scheduler)
+    remaining, running = iter(tasks), dict[Future[Any], Task]()
+    with chosen as pool:
         while True:
-            for task in islice(remaining, room - len(running)):
-                running[submit(function, task)] = task
+            for task in islice(remaining, pool.room - len(running)):
+                running[pool.submit(function, seconds, task)] = task
             if not running:
                 return
             done = wait(running, POLL_INTERVAL, FIRST_COMPLETED).done
-            if not (done or works()):  # a pool that gives up may leave tasks without an end
+            if not (done or pool.active()):  # a pool that gives up may leave tasks without an end
                 raise RuntimeError
             for future in done:
                 task = running.pop(future)
                 try:
                     answer: Answer = future.result()
-                except Exception as error:
-                    answer = given_up(task, *loss(error))
+                except tuple(pool.losses) as error:
+                    loss, words = pool.losses[type(error)]
+                    answer = given_up(task, loss, words.format(error))
                 yield answer
 
 
@@ -118,8 +129,7 @@ def own_digest() -> str:
     """A short digest of this package's source."""
     packages = [find_spec(name) for name in ("pilotid", "pilotid.methods", "pilotid.datasets")]
     folders = [f for spec in packages if spec for f in spec.submodule_search_locations or ()]
-    files = [file for folder in folders for file in sorted(Path(folder).rglob("*.py"))]
-    return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()[:12]
+    return digest_of(file.read_bytes() for f in folders for file in sorted(Path(f).rglob("*.py")))
 
 
 def about_this(seed: int) -> dict[str, str]:
@@ -128,7 +138,7 @@ def about_this(seed: int) -> dict[str, str]:
         "seed": str(seed),
         "code": own_digest(),
         "pilotid": version("pilotid"),
-        "python": ".".join(platform.python_version_tuple()[:2]),
+        "python": "{}.{}".format(*sys.version_info),
         **{name: version(name) for name in LIBRARIES},
     }
 
@@ -137,25 +147,17 @@ def about_this(seed: int) -> dict[str, str]:
 
 
 @contextmanager
-def _processes(workers: int, seconds: float | None) -> Iterator[Executor]:
+def _processes(workers: int, seconds: float | None) -> Iterator[Workers]:
     """Processes of this machine."""
     from pebble import ProcessExpired, ProcessPool
 
-    def loss(error: Exception) -> tuple[Loss, str]:
-        if isinstance(error, TimeoutError):
-            return Loss.TIMED_OUT, f"{seconds:g} s"
-        if isinstance(error, ProcessExpired):
-            return Loss.DIED, f"exit code {error.exitcode}"
-        raise error
-
+    losses = {
+        TimeoutError: (Loss.TIMED_OUT, f"{seconds or 0:g} s"),
+        ProcessExpired: (Loss.DIED, "exit code {0.exitcode}"),
+    }
     pool = ProcessPool(workers, initializer=_set_up, context=_Context())
     try:
-        yield (
-            2 * workers,
-            lambda f, t: pool.schedule(f, [t], timeout=seconds),
-            loss,
-            lambda: pool.active,
-        )
+        yield Workers(2 * workers, pool.submit, losses, lambda: pool.active)
     except RuntimeError:  # of a task, or of a pool that has given up
         if pool.active:
             raise
@@ -210,42 +212,39 @@ def _set_up() -> None:
 
 
 @contextmanager
-def _cluster(scheduler: str) -> Iterator[Executor]:
+def _cluster(scheduler: str) -> Iterator[Workers]:
     """The workers of a Dask scheduler."""
+    place, digest = f"--scheduler {scheduler}", own_digest()
+    logging.disable()  # what is wrong is said in a sentence; Dask would tell it in a hundred
     try:
         from distributed import Client, KilledWorker
-    except ImportError:
-        raise InputError("--scheduler needs Dask: install pilotid[distributed]") from None
-    place = f"--scheduler {scheduler}"
 
-    def loss(error: Exception) -> tuple[Loss, str]:
-        if isinstance(error, KilledWorker):
-            return Loss.DIED, "again and again"
+        client: Any = Client(scheduler, timeout=10.0, set_as_default=False)
+    except (ImportError, OSError, ValueError) as error:
+        raise InputError(
+            f"{place}: no Dask scheduler answers ({error}); start one, and install "
+            "pilotid[distributed]"
+        ) from error
+    if not client.ncores():
+        sys.stderr.write(f"pilotid: {place} has no workers; waiting for some\n")
+    # Not as a context: on leaving that would wait for fits that nobody does.
+    executor = client.get_executor(retries=0, pure=False)
+    try:
+        # So many tasks keep all workers busy.
+        submit = partial(executor.submit, _same_code, digest)
+        yield Workers(1000, submit, {KilledWorker: (Loss.DIED, "again and again")})
+    except Exception as error:
         why = f"a worker cannot do a fit ({reason(error)}); install the same pilotid there"
         if isinstance(error, CancelledError):  # that is how a lost connection ends them
             why = "the scheduler ended or cannot be reached any more; what is done is kept"
         raise InputError(f"{place}: {why}, and run the same command again") from error
-
-    logging.disable()  # what is wrong is said in a sentence; Dask would tell it in a hundred
-    try:
-        client: Any = Client(scheduler, timeout=10.0, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{place}: no Dask scheduler answers ({error}); start one") from error
-    if not client.ncores():
-        sys.stderr.write(f"pilotid: {place} has no workers; waiting for some\n")
-    # Not as a context: on leaving that would wait for fits that nobody does.
-    executor, digest = client.get_executor(retries=0, pure=False), own_digest()
-    try:
-        # So many tasks keep all workers busy.
-        submit = partial(executor.submit, _same_code, digest)
-        yield 1000, submit, loss, lambda: True
     finally:
         with suppress(Exception):  # there may be nobody to take leave of
             client.close(timeout=2.0)
         logging.disable(logging.NOTSET)
 
 
-def _same_code(digest: str, function: Callable[[Task], Answer], task: Task) -> Answer:
+def _same_code(digest: str, function: Callable[[Task], Answer], _: object, task: Task) -> Answer:
     """An answer of the code that asks."""
     if own_digest() != digest:
         raise InputError(f"it runs other code, digest {own_digest()}, here {digest}")

@@ -281,9 +281,10 @@ def to_jsonable(value: object) -> Any:
 PLACE = re.compile(r"(?P<module>.{2,}):(?P<name>[^\W\d]\w*(\.[^\W\d]\w*)*)", re.DOTALL)
 #: Path and content of modules that are read from a file.
 FILES: dict[str, tuple[str, bytes]] = {}
-#: What is there anyway: a store notes the version of what numbers depend on.
-LIBRARIES = {"numpy", "scipy", "control", "pysindy", "emcee", "cloudpickle"}
-KNOWN = {"pilotid", *sys.stdlib_module_names, *LIBRARIES}
+#: What numbers depend on: a store notes the versions.
+LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
+#: What is there anyway.
+KNOWN = {"pilotid", "cloudpickle", *sys.stdlib_module_names, *LIBRARIES}
 
 # A constant that is told by its identity, which cloudpickle does not know.
 copyreg.pickle(type(dataclasses.MISSING), lambda _: "MISSING")
@@ -413,10 +414,11 @@ def code_digest(thing: object) -> str:
         if module is not None and kind.__module__.partition(".")[0] not in KNOWN:
             file = getattr(module, "__file__", None)
             sources[file or kind.__qualname__] = _source(kind, file)
-    return _digest(source for _, source in sorted(sources.items())) if sources else ""
+    return digest_of(source for _, source in sorted(sources.items())) if sources else ""
 
 
-def _digest(sources: Iterable[bytes]) -> str:
+def digest_of(sources: Iterable[bytes]) -> str:
+    """A short digest of code."""
     return hashlib.sha256(b"\0".join(sources)).hexdigest()[:12]
 
 
