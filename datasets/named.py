@@ -35,14 +35,7 @@ from pilotid.recording.files import load_recording
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import known_lines
 from pilotid.support.disk import require_file
-from pilotid.support.naming import (
-    from_catalogue,
-    is_place,
-    load_object,
-    name_of,
-    require_name,
-    to_jsonable,
-)
+from pilotid.support.naming import named, require_name, to_jsonable
 from pilotid.support.types import FloatArray, InputError
 
 #: What a study has recordings of: both have a name, a description, and `drawn`, which gives
@@ -70,15 +63,10 @@ def scenario_named(text: str) -> AnyScenario:
     """
     if text.strip().lower().endswith(".json"):
         return sound(designed_scenario(Path(text.strip())))
-    if is_place(text):
-        thing = load_object(text)
-        if not isinstance(thing, AnyScenario):
-            raise InputError(f"{text}: is no Scenario and no Population; name one")
-        return sound(thing)
-    name, changed = from_catalogue(text, CATALOGUE, "scenario", "NAME")
-    if changed == CATALOGUE[name] or changed.name != name:
-        return sound(changed)
-    return sound(replace(changed, name=name_of(text)))
+    thing = named(text, CATALOGUE, "scenario", "NAME")
+    if not isinstance(thing, AnyScenario):
+        raise InputError(f"{text}: is no Scenario and no Population; name one")
+    return sound(thing)
 
 
 def sound(thing: object) -> AnyScenario:

@@ -16,7 +16,7 @@ from pilotid.methods.mle_reference import MLEReference
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3
 from pilotid.methods.sindy import SINDy
-from pilotid.support.naming import from_catalogue, is_place, labelled, load_object
+from pilotid.support.naming import labelled, named
 from pilotid.support.types import InputError
 
 #: The methods by name, in the order of tables and figures.
@@ -51,9 +51,7 @@ def method_named(text: str) -> Method:
     InputError
         If there is none; the message lists the names there are.
     """
-    if is_place(text):
-        return _checked(load_object(text), text)
-    return from_catalogue(text, METHODS, "method", "CLASS")[1]
+    return _checked(named(text, METHODS, "method", "CLASS"), text)
 
 
 def label_of(method: Method) -> str:

@@ -26,7 +26,7 @@ from pilotid.model.factors import (
     Neuromuscular,
 )
 from pilotid.model.model import PilotModel
-from pilotid.support.naming import from_catalogue, is_place, load_object, name_of, require_name
+from pilotid.support.naming import named, require_name
 from pilotid.support.types import InputError, reason
 
 
@@ -234,24 +234,17 @@ def model_named(text: str) -> PilotModel:
     InputError
         If there is none; the message lists the names there are.
     """
-    if is_place(text):
-        loaded: object = load_object(text)
-        if not isinstance(loaded, PilotModel):
-            raise InputError(
-                f"{text}: is no PilotModel; write NAME = PilotModel('name', (Channel(...), ...)) "
-                "there"
-            )
-        require_name(loaded.name, "model")
-        fault = fault_of(loaded)
-        if MODELS.get(loaded.name, loaded) != loaded:
-            fault = f"has the name '{loaded.name}' of another model; give it a name of its own"
-        if fault:
-            raise InputError(f"{text}: {fault}")
-        return loaded
-    name, model = from_catalogue(text, MODELS, "model", "NAME")
-    if model != MODELS[name] and model.name == name:
-        model = replace(model, name=name_of(text))
+    model = named(text, MODELS, "model", "NAME")
+    if not isinstance(model, PilotModel):
+        raise InputError(
+            f"{text}: is no PilotModel; write NAME = PilotModel('name', (Channel(...), ...)) there"
+        )
     require_name(model.name, "model")
+    fault = fault_of(model)
+    if MODELS.get(model.name, model) != model:
+        fault = f"has the name '{model.name}' of another model; give it a name of its own"
+    if fault:
+        raise InputError(f"{text}: {fault}")
     return model
 
 

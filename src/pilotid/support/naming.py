@@ -21,16 +21,15 @@ import os
 import pickle
 import re
 import sys
-from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import FunctionType, ModuleType
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from pilotid.support.numbers import require_settings
 from pilotid.support.types import InputError, reason
 
-T = TypeVar("T")
 CALL = re.compile(r"(?P<name>(.{2,}:)?[^()]*?)\s*(\((?P<settings>.*)\))?", re.DOTALL)
 #: A text in quotes, or a word without: neither a setting's name nor that of a class.
 WORD = re.compile(
@@ -40,24 +39,13 @@ CONSTANTS = {"none": "None", "true": "True", "false": "False", "inf": "1e999"}
 
 
 def split_list(text: str) -> list[str]:
-    """The names in a text between commas outside brackets, empty ones left out.
-
-    Raises
-    ------
-    InputError
-        If a bracket is not closed.
-    """
-    parts, depth = [""], 0
-    for sign in text:
-        depth += (sign in "([") - (sign in ")]")
-        if depth < 0:
-            break
-        if sign == "," and not depth:
-            parts.append("")
+    """The names in a text between commas outside parentheses, empty ones left out."""
+    parts: list[str] = []
+    for part in text.split(","):
+        if parts and parts[-1].count("(") > parts[-1].count(")"):
+            parts[-1] += f",{part}"
         else:
-            parts[-1] += sign
-    if depth:
-        raise InputError(f"{text}: a bracket is not closed, or closes nothing; check the brackets")
+            parts.append(part)
     return [part.strip() for part in parts if part.strip()]
 
 
@@ -88,19 +76,22 @@ def with_settings(thing: Any, text: str | None, given: str) -> Any:
     kind = thing if isinstance(thing, type) else type(thing)
     try:
         values = _values(kind, _parsed(text)) if text else {}
-        made = thing(**values) if kind is thing else thing
-        made = dataclasses.replace(made, **values) if values and kind is not thing else made
-        require_settings(made)
-        return made
+        if kind is thing:
+            thing = thing(**values)
+        elif values:
+            thing = dataclasses.replace(thing, **values)
+        require_settings(thing)
+        return thing
     except Exception as error:
-        names = ", ".join(field.name for field in _fields(kind))
-        why = str(error) or type(error).__name__
-        there = f"its settings are {names}" if names else "it has no settings"
-        raise InputError(f"{given}: {why.rstrip('.')}; {there}") from error
+        names = ", ".join(field.name for field in _fields(kind)) or "none"
+        why = str(error).rstrip(".") or type(error).__name__
+        raise InputError(f"{given}: {why}; its settings are {names}") from error
 
 
-def from_catalogue(text: str, known: Mapping[str, T], kind: str, place: str) -> tuple[str, T]:
-    """A name, and the thing of that name with the settings behind it.
+def named(text: str, known: Mapping[str, Any], kind: str, place: str) -> Any:
+    """The thing of a catalogue, or in code, that a text names, with the settings behind it.
+
+    One of a catalogue whose settings change has the text for a name, if it has one to change.
 
     Parameters
     ----------
@@ -117,10 +108,15 @@ def from_catalogue(text: str, known: Mapping[str, T], kind: str, place: str) -> 
         If there is none of that name, or if it refuses the settings.
     """
     name, settings = split_call(text)
+    if PLACE.fullmatch(name):
+        return load_object(text)
     if name not in known:
         there = f"choose from {', '.join(known)}, or name file.py:{place}"
         raise InputError(f"unknown {kind} '{name}': {there}")
-    return name, with_settings(known[name], settings, text)
+    usual = known[name]
+    thing = with_settings(usual, settings, text)
+    renamed = thing != usual and thing.name == usual.name and "name" in vars(usual)
+    return dataclasses.replace(thing, name=name_of(text)) if renamed else thing
 
 
 def name_of(text: str) -> str:
@@ -139,69 +135,56 @@ def require_name(name: object, kind: str) -> None:
 def _parsed(text: str) -> ast.Call:
     """The settings of a text as the arguments of a call, with words in quotes."""
     words = WORD.sub(lambda m: m[1] or CONSTANTS.get(m[2].lower(), repr(m[2])), text)
-    try:
+    with suppress(SyntaxError, ValueError, MemoryError, RecursionError):
         call = ast.parse(f"_({words})", mode="eval").body
         if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and not call.args:
             return call
-    except (SyntaxError, ValueError, MemoryError, RecursionError):
-        pass
     raise ValueError(
-        f"'{text}' is not SETTING=VALUE, ...; check brackets, and put words with other signs than "
-        "letters, digits and .+- in quotes"
+        f"'{text}' is not SETTING=VALUE, ...; check brackets, and put words with other signs in "
+        "quotes"
     )
 
 
 def _values(kind: type, call: ast.Call) -> dict[str, object]:
-    """The values of settings by their names, as the class declares them."""
-    known, hints, values = [f.name for f in _fields(kind)], get_type_hints(kind), {}
-    for keyword in call.keywords:
-        name = str(keyword.arg)
-        if name not in known:
-            near = [f", did you mean '{n}'?" for n in get_close_matches(name, known, 1)]
-            raise ValueError(f"there is no setting '{name}'{''.join(near)}")
-        if name in values:
-            raise ValueError(f"the setting '{name}' is given twice")
-        value = _value(keyword.value, [*kind.__mro__, *_types_in(hints[name])])
-        values[name] = _converted(name, value, hints[name])
-    return values
+    """The values of settings by their names, as the class declares them.
+
+    A whole number may be a float, and nothing else another type.
+    """
+    from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+    hints = get_type_hints(kind)
+    parts = [*kind.__mro__, *(part for hint in hints.values() for part in (hint, *get_args(hint)))]
+    places = [vars(sys.modules[getattr(part, "__module__", "typing")]) for part in parts]
+    typed = {str(setting.arg): _value(setting.value, places) for setting in call.keywords}
+    for name in typed.keys() - {field.name for field in _fields(kind)}:
+        raise ValueError(f"there is no setting '{name}'")
+    types: Any = tuple[tuple(hints[name] for name in typed)]  # type: ignore[misc]
+    strictly = ConfigDict(strict=True, arbitrary_types_allowed=True)
+    try:
+        values = TypeAdapter(types, config=strictly).validate_python(tuple(typed.values()))
+    except ValidationError as error:
+        fault = error.errors()[0]
+        name, why = list(typed)[int(fault["loc"][0])], fault["msg"]
+        raise ValueError(f"{name}={as_typed(typed[name])}: {why[:1].lower()}{why[1:]}") from None
+    return dict(zip(typed, values, strict=True))
 
 
-def _value(node: ast.expr, kinds: list[type]) -> object:
-    """What was typed as an object; a dataclass is one known where one of the classes is written."""
-    if isinstance(node, ast.Tuple | ast.List):
-        return tuple(_value(entry, kinds) for entry in node.elts)
+def _value(node: ast.expr, places: Sequence[Mapping[str, Any]]) -> object:
+    """What was typed as an object; a dataclass is one known where a declared type is written."""
+    if isinstance(node, ast.Tuple):
+        return tuple(_value(entry, places) for entry in node.elts)
     if not isinstance(node, ast.Call):
         return ast.literal_eval(node)
     name = ast.unparse(node.func)
-    places = (vars(sys.modules[kind.__module__]) for kind in kinds)
-    inner = next((p[name] for p in places if dataclasses.is_dataclass(p.get(name))), None)
-    if inner is None:
-        raise ValueError(f"{name}(...) is not known there")
-    return inner(**_values(inner, node))
-
-
-def _types_in(hint: Any) -> list[type]:
-    """The classes in a declared type."""
-    inner = [kind for part in get_args(hint) for kind in _types_in(part)]
-    return [hint, *inner] if isinstance(hint, type) else inner
-
-
-def _converted(name: str, value: object, hint: Any) -> object:
-    """A value as the declared type has it: a whole number may be a float, and nothing else."""
-    from pydantic import ConfigDict, TypeAdapter, ValidationError
-
-    strictly = ConfigDict(strict=True, arbitrary_types_allowed=True)
-    try:  # in a tuple, since a dataclass takes no settings of others
-        return TypeAdapter(tuple[hint], config=strictly).validate_python((value,))[0]
-    except ValidationError as error:
-        why = " or ".join(dict.fromkeys(fault["msg"] for fault in error.errors()))
-        raise ValueError(f"{name}={as_typed(value)}: {why[:1].lower()}{why[1:]}") from None
+    for kind in (place.get(name) for place in places):
+        if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+            return kind(**_values(kind, node))
+    raise ValueError(f"{name}(...) is not known there")
 
 
 def _fields(kind: type) -> list[dataclasses.Field[Any]]:
     """The settings of a class; only a dataclass has any."""
-    known = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
-    return [field for field in known if field.init]
+    return [f for f in dataclasses.fields(kind) if f.init] if dataclasses.is_dataclass(kind) else []
 
 
 def labelled(name: str, thing: object, usual: object = None) -> str:
@@ -218,13 +201,10 @@ def labelled(name: str, thing: object, usual: object = None) -> str:
     """
     changed = []
     for field in _fields(type(thing)):
-        default = field.default
-        if usual is not None:
-            default = getattr(usual, field.name)
-        elif field.default_factory is not dataclasses.MISSING:
-            default = field.default_factory()
+        factory = field.default_factory
+        default = field.default if factory is dataclasses.MISSING else factory()
         value = as_typed(getattr(thing, field.name))
-        if default is dataclasses.MISSING or as_typed(default) != value:
+        if as_typed(getattr(usual, field.name, default)) != value:
             changed.append(f"{field.name}={value}")
     return f"{name}({', '.join(changed)})" if changed else name
 
@@ -290,11 +270,6 @@ KNOWN = {"pilotid", "cloudpickle", *sys.stdlib_module_names, *LIBRARIES}
 copyreg.pickle(type(dataclasses.MISSING), lambda _: "MISSING")
 
 
-def is_place(text: str) -> bool:
-    """Whether a text says where in which code something is, rather than naming it."""
-    return PLACE.fullmatch(split_call(text)[0]) is not None
-
-
 def load_object(text: str) -> Any:
     """What stands at ``file.py:NAME`` or ``package.module:NAME``, with the settings behind it.
 
@@ -321,32 +296,21 @@ def load_object(text: str) -> Any:
 def _module(where: str) -> ModuleType:
     """A module by its name, or from its file."""
     path = Path(where)
-    is_file = path.suffix == ".py" or len(path.parts) > 1
     try:
-        if is_file:
+        if path.suffix == ".py" or len(path.parts) > 1:
             return _run(str(path.resolve()), path.read_bytes())
-        _import_from(Path.cwd())
+        sys.path.append(str(Path.cwd()))  # last, so that it hides nothing
         return importlib.import_module(where)
-    except KeyboardInterrupt:
-        raise
-    except OSError as error:
-        why = f"{path}: {error.strerror or error}"
-        raise InputError(f"{why}; name a file of Python code before the colon") from None
-    except BaseException as error:  # code of others may do anything, even leave
+    except (Exception, SystemExit) as error:  # code of others may do anything, even leave
         why = f"{where}: cannot be imported ({reason(error)})"
         raise InputError(f"{why}; check its name and its imports") from error
-
-
-def _import_from(folder: Path) -> None:
-    """Import from a folder as well; last, so that it hides nothing."""
-    sys.path += [str(folder)] if str(folder) not in sys.path else []
 
 
 def _run(path: str, content: bytes) -> ModuleType:
     """A file as a module, whose name changes with its content."""
     name = f"pilotid_file_{hashlib.sha256(os.fsencode(path) + content).hexdigest()[:12]}"
     if name not in sys.modules:
-        _import_from(Path(path).parent)  # what lies beside it
+        sys.path.append(str(Path(path).parent))  # what lies beside it
         module = ModuleType(name)
         module.__file__ = path
         sys.modules[name] = module  # before it runs: dataclasses look their module up
@@ -424,13 +388,13 @@ def digest_of(sources: Iterable[bytes]) -> str:
 
 def _source(kind: type | FunctionType, file: str | None) -> bytes:
     """The file of a class, or its functions as a notebook has them."""
-    if file and Path(file).is_file():
-        return Path(file).read_bytes()
-    parts = [kind, *vars(kind).values()]
-    made = [f for f in parts if isinstance(f, FunctionType)]
-    functions = [f for f in made if f.__code__.co_filename != "<string>"]
     try:
-        return "".join(map(inspect.getsource, functions)).encode()
+        if file:
+            return Path(file).read_bytes()
+        parts = (kind, *vars(kind).values())
+        functions = [f for f in parts if isinstance(f, FunctionType)]
+        written = [f for f in functions if f.__code__.co_filename != "<string>"]
+        return "".join(map(inspect.getsource, written)).encode()
     except OSError:
         raise InputError(
             f"{kind.__qualname__}: was typed in, and nobody could tell later whether it has "
