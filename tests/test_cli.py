@@ -278,7 +278,7 @@ def test_other_commands_refuse_too(run: Run, tmp_path: Path) -> None:
     refused(run("simulate", "nominal", "--out", tmp_path / "none" / "x.csv"), "x.csv")
     refused(run("compare", "--scenario", "x", "--out", tmp_path), "'x'", "nominal")
     refused(run("compare", "--method", "x", "--out", tmp_path), "'x'", "mle-white")
-    refused(run("compare", "--profile", "x", "--out", tmp_path), "'x'", "quick, full")
+    refused(run("compare", "--profile", "x", "--out", tmp_path), "'x'", "quick")
     refused(run("report", tmp_path), "study.sqlite", "pilotid compare")
     file = tmp_path / "file"
     file.touch()
@@ -328,8 +328,6 @@ def test_compare_goes_on_where_it_stopped_and_does_not_mix(run: Run, tmp_path: P
     assert "holds 1 of 2 fits already" in answer.out
     refused(run(*options, "--seed", 9), "study.sqlite", "seed", "--out")
     assert "seed" in (tmp_path / "report.md").read_text(encoding="utf-8")
-    both = ("--workers", 1, "--scheduler", "tcp://127.0.0.1:1")
-    refused(run(*options, *both), "--workers", "--scheduler")
 
 
 OWN = """

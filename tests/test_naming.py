@@ -24,7 +24,7 @@ from pilotid.support.naming import (
     as_typed,
     code_digest,
     labelled,
-    load_object,
+    named,
     packed,
     split_call,
     split_list,
@@ -33,6 +33,10 @@ from pilotid.support.naming import (
     with_settings,
 )
 from pilotid.support.types import InputError
+
+
+def load_object(text: str) -> Any:
+    return named(text, {}, "thing", "NAME")
 
 
 @dataclass(frozen=True)
@@ -253,7 +257,7 @@ def test_things_are_taken_from_files_and_modules(mine: Path) -> None:
         ("{}/leaves.py:X", "SystemExit: 4"),
         ("{}/bytes.py:X", "bytes.py: cannot be imported (SyntaxError"),
         ("no.such.module:X", "No module named 'no'"),
-        ("pilotid.methods:ARX()x", "is not file.py:NAME"),
+        ("pilotid.methods:ARX()x", "unknown thing 'pilotid.methods:ARX()x'"),
     ],
 )
 def test_code_that_cannot_be_used_is_a_sentence(mine: Path, place: str, words: str) -> None:

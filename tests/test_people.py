@@ -71,8 +71,7 @@ def test_command(folder: Path, run: Run) -> None:
         told = run("fetch-data", name)
         assert told.status == 0, told.err
     words = " ".join(told.out.split())
-    files = f"{folder}/data/following/data.mat::sigma={{11,13,17,21,25,29}}"
-    assert f"{files} --pattern 'sigma={{condition}}'" in words
+    assert f"The files are in {folder}/data/following: pilotid compare --people following" in words
 
 
 @pytest.mark.numerical

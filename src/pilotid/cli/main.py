@@ -11,14 +11,20 @@ import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
+from importlib import metadata
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
+from pilotid import datasets
+from pilotid.checks.element_fit import chosen_element
 from pilotid.cli import options, studies
+from pilotid.datasets.named import fitted_scenario, truth
 from pilotid.estimate.method import Fitted, Method, fit_all
 from pilotid.estimate.warnings import unrecorded
+from pilotid.methods import METHODS
+from pilotid.methods.bayes import Bayes
 from pilotid.model.catalogue import AUTO, MODELS, model_named
 from pilotid.model.element import ControlledElement, element_named
 from pilotid.model.model import PilotModel
@@ -39,11 +45,7 @@ CORE = {
     "scenarios": ("nominal", "single", "population-usual"),
 }
 STOPPED = 130  # the status that shells give to a program that Ctrl-C ended
-app = typer.Typer(
-    help="Identify pilot models from tracking recordings with every standard method.",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -66,8 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         except MemoryError as error:
             _end(f"out of memory {error}".rstrip() + "; cut the recording, or do less at once")
         except typer.TyperException as error:  # a wrong option or value
-            context = getattr(error, "ctx", None)
-            command = context.command_path if context else "pilotid"
+            command = getattr(getattr(error, "ctx", None), "command_path", "pilotid")
             _end(f"{error.format_message().rstrip('.')}; see {command} --help")
     if status == STOPPED:
         _end("stopped; the results folder keeps what is done: run the same command again", STOPPED)
@@ -81,39 +82,28 @@ def _end(sentence: str, status: int = 2) -> NoReturn:
     raise SystemExit(status) from None
 
 
-def _version(asked: bool) -> None:
-    if asked:
-        from importlib.metadata import version
-
-        make_console().print(f"pilotid {version('pilotid')}", highlight=False)
-        raise typer.Exit
-
-
-@app.callback()
+@app.callback(invoke_without_command=True)
 def program(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
-    ] = False,
+    version: Annotated[bool, typer.Option("--version", help="Show the version.")] = False,
 ) -> None:
     """Identify pilot models from tracking recordings with every standard method."""
+    if version:
+        typer.echo(f"pilotid {metadata.version('pilotid')}")
 
 
 @app.command("list")
 def list_names() -> None:
     """List models, methods and scenarios, the usual ones first."""
-    from pilotid.datasets import CATALOGUE
-    from pilotid.methods import METHODS
-
     summaries = {
         "models": {m.name: f"{m.description}: {', '.join(m.keys)}" for m in MODELS.values()},
         "methods": {name: _first_line(m) for name, m in METHODS.items()},
-        "scenarios": {s.name: s.description for s in CATALOGUE.values()},
+        "scenarios": {s.name: s.description for s in datasets.CATALOGUE.values()},
     }
-    core = {title: {name: summaries[title].pop(name) for name in CORE[title]} for title in CORE}
-    more = {f"more {title}": entries for title, entries in summaries.items()}
-    for title, entries in (core | more).items():
-        lines = (f"  {name:<20} {text}" for name, text in entries.items())
-        show(make_console(), Line(title, "heading"), *lines)
+    for more in ("", "more "):
+        for title, entries in summaries.items():
+            names = [n for n in entries if n not in CORE[title]] if more else CORE[title]
+            lines = (f"  {name:<20} {entries[name]}" for name in names)
+            show(make_console(), Line(more + title, "heading"), *lines)
 
 
 def _first_line(method: Method) -> str:
@@ -131,18 +121,14 @@ def simulate(
     force: bool = False,
 ) -> None:
     """Simulate a scenario, or a pilot drawn from a population; truth goes to F.truth.json."""
-    from pilotid.datasets import scenario_named
-    from pilotid.datasets import simulate as simulated
-    from pilotid.datasets.named import truth
-
     truth_file = out.with_suffix(".truth.json")
     written = [out, truth_file, *[sidecar_path(out)] * (out.suffix.lower() != ".mat")]
     again = truth_file.exists()  # it was simulated
     require_free(written, [Path(scenario)], force=force or again)
-    named = scenario_named(scenario)
+    named = datasets.scenario_named(scenario)
     drawn = named.drawn(draw_rng(seed, named.name))
     drawn = replace(drawn, runs=runs or drawn.runs)
-    save_recording(simulated(drawn, recording_rng(seed, drawn.name)), out)
+    save_recording(datasets.simulate(drawn, recording_rng(seed, drawn.name)), out)
     write_file(truth_file, strict_json({"seed": seed, **truth(drawn)}).encode())
     what = f"a recording of scenario {drawn.name} (model {drawn.model.name})"
     show(make_console(), f"{out}: {what}", f"{truth_file}: its truth, which no method reads")
@@ -174,20 +160,13 @@ def fit(
         refused += [f"{recording.source}: {text}" for text in why.values()]
         able = [m for m in models if m.name not in why]
         if able or not models:
-            fits += _fitted(recording, able, fix, methods, seed, plant)
+            found = _fitted(recording, able, fix, methods, seed, plant)
+            fits += [fitted.without(ignored) for fitted in found]
     if not fits:
         options.raise_refused(refused)
-    fits = [fitted.without(ignored) for fitted in fits] if ignored else fits
     from pilotid.report.fit import html_report, print_fit
 
-    entries = [fitted.to_dict() for fitted in fits]
-    if json:
-        from pilotid.datasets.named import fitted_scenario
-
-        for entry, fitted in zip(entries, fits, strict=True):
-            if scenario := fitted_scenario(fitted):
-                entry["scenario"] = scenario
-    printed = options.write_json(json, entries)
+    printed = options.write_json(json, map(_entry, fits))
     if report is not None:
         page = html_report(fits)
         write_file(report, page.encode("utf-8", "replace"))
@@ -198,6 +177,12 @@ def fit(
         print_fit(fitted, console, said)
         said |= {remark.code for remark in fitted.graded} & set(OF_STICK)
     options.raise_refused(refused)
+
+
+def _entry(fitted: Fitted) -> dict[str, Any]:
+    """A fit as JSON has it, with what would be recorded if it were the truth."""
+    scenario = fitted_scenario(fitted)
+    return fitted.to_dict() | ({"scenario": scenario} if scenario else {})
 
 
 def _fitted(
@@ -212,8 +197,6 @@ def _fitted(
 
     The first has what was said of models, where there are several or none is named.
     """
-    from pilotid.checks.element_fit import chosen_element
-
     choice = chosen_element(recording, plant)
     if len(named) == 1:
         return [fit_all(recording, named[0], methods, seed, choice)]
@@ -245,13 +228,13 @@ def check(
     options.require_free(files, json, force=force)
     recordings, refused = reading.all(files, joint=joint)
     every = check_all(recordings, plant, ignored)
-    summary = [summary_of(every)] if len(every) > 1 else []
-    if brief and json is None:
-        show(make_console(), *(checked.brief for checked in every), *summary)
-    elif not options.write_json(json, [checked.to_dict() for checked in every]):
+    if not options.write_json(json, (checked.to_dict() for checked in every)):
+        gap = [""] * (not brief)
         for number, checked in enumerate(every):
-            show(make_console(), *[""] * (number > 0), *checked.blocks())
-        show(make_console(), *[""] * bool(summary), *summary)
+            shown = [checked.brief] if brief else checked.blocks()
+            show(make_console(), *gap * (number > 0), *shown)
+        if len(every) > 1:
+            show(make_console(), *gap, summary_of(every))
     options.raise_refused(refused)
 
 
@@ -271,7 +254,6 @@ def posterior(
     force: bool = False,
 ) -> None:
     """Sample the posterior of a pilot model's parameters with emcee."""
-    from pilotid.methods.bayes import Bayes
     from pilotid.report.fit import print_posterior, quantities_of, write_posterior
 
     plant = element_named(element) if element else None

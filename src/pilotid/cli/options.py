@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import fields
+from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 import typer
 
@@ -63,10 +62,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "simulate runs": ("", "Runs, each with its own remnant."),
     "brief": ("", "One line a file, and a summary of many."),
     # Studies.
-    "profile": (
-        "quick|full|paper",
-        "full: 500 recordings of every scenario; paper: AIAA 2008-7109 on a page of its own.",
-    ),
+    "profile": ("quick|full|paper", "full: every scenario, 500 times; paper: AIAA 2008-7109."),
     "replications": ("", "Recordings of each scenario; of trust: simulations."),
     "scheduler": ("ADDRESS", "Use the workers of this Dask scheduler instead."),
     "time_limit": ("S", "Seconds that a fit may take; 0 for no limit."),
@@ -83,10 +79,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "per_run": ("", "Also fit each run separately."),
     "left_out": ("", "Leave-one-run-out cross-validation."),
     "exclude": ("subject=6,condition=C4", "Recordings to leave out; repeat."),
-    "factors": (
-        "'motion=C1,C2:off;C3,C4:on;...'|FIELDS",
-        "Factors that conditions are combinations of, or fields of the pattern that are factors.",
-    ),
+    "factors": ("'motion=C1,C2:off;...'|FIELDS", "What conditions combine; or pattern fields."),
     # Designs.
     "minimise": ("A|D|KEY,KEY", "What is made small, of relative errors."),
     "limit": ("e=1.5,u=1.5", "Largest variances of e and u, over those of the reference."),
@@ -94,15 +87,19 @@ MEANINGS: dict[str, tuple[str, str]] = {
 }
 ONLY = Parameter.KEYWORD_ONLY
 #: Options that are not called like their parameters, which are reserved words or other things.
-SPELLED = {
-    **{"mapping": "--map", "estimates": "--from"},
-    **{"imported": "--estimates", "kind": "--format"},
-}
+SPELLED = {"mapping": "--map", "estimates": "--from", "imported": "--estimates", "kind": "--format"}
 
 
 def spelled(name: str) -> str:
     """How an option is typed."""
     return SPELLED.get(name, f"--{name.replace('_', '-')}")
+
+
+#: How files are read, an option a field.
+READING = [
+    p.replace(kind=ONLY, annotation=list[str] if p.name == "mapping" else p.annotation)
+    for p in signature(Reading, eval_str=True).parameters.values()
+]
 
 
 def as_command(function: Callable[..., None]) -> Callable[..., None]:
@@ -111,33 +108,24 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     The fields of a `Reading` are options of their own.
     """
 
-    def described(name: str, kind: Any, usual: Any, how: Any = ONLY) -> Parameter:
-        metavar, text = MEANINGS.get(f"{function.__name__} {name}") or MEANINGS[name]
+    def described(p: Parameter) -> Parameter:
+        metavar, text = MEANINGS.get(f"{function.__name__} {p.name}") or MEANINGS[p.name]
         about: dict[str, Any] = {"metavar": metavar or None, "help": text}
-        info = typer.Option(spelled(name), **about)
-        if how is not ONLY:
-            info = typer.Argument(**about)
-        return Parameter(name, how, default=usual, annotation=Annotated[kind, info])
+        info = typer.Option(spelled(p.name), **about) if p.kind is ONLY else typer.Argument(**about)
+        return p.replace(annotation=Annotated[p.annotation, info])
 
-    parameters = signature(function, eval_str=True).parameters
+    own = signature(function, eval_str=True).parameters
+    plain = [p for p in own.values() if p.annotation is not Reading]
+    read = READING if len(plain) < len(own) else []
 
     @wraps(function)
     def run(**given: Any) -> None:
-        if "reading" in parameters:
-            reading = {field.name: given.pop(field.name) for field in fields(Reading)}
-            given["reading"] = Reading(**{**reading, "mapping": tuple(reading["mapping"] or ())})
+        if read:
+            how = {p.name: given.pop(p.name) for p in read}
+            given["reading"] = Reading(**{**how, "mapping": tuple(how["mapping"])})
         function(**given)
 
-    every = [
-        described(p.name, p.annotation, p.default, p.kind)
-        for p in parameters.values()
-        if p.annotation is not Reading
-    ]
-    if "reading" in parameters:
-        usual, hints = {**vars(Reading()), "mapping": None}, get_type_hints(Reading)
-        hints["mapping"] = list[str] | None
-        every += [described(name, hints[name], value) for name, value in usual.items()]
-    run.__signature__ = Signature(every)  # type: ignore[attr-defined]
+    run.__signature__ = Signature([*map(described, (*plain, *read))])  # type: ignore[attr-defined]
     return ranged(run, spelled)
 
 
@@ -192,11 +180,14 @@ def raise_refused(refused: Sequence[str]) -> None:
         raise InputError("; ".join(refused))
 
 
-def write_json(target: str | None, entries: Sequence[object]) -> bool:
+def write_json(target: str | None, entries: Iterable[object]) -> bool:
     """Write the one object, or all, to the file that --json names; whether they were printed."""
-    text = strict_json(entries[0] if len(entries) == 1 else entries)
+    if target is None:
+        return False
+    every = [*entries]
+    text = strict_json(every[0] if len(every) == 1 else every)
     if target == "-":
         sys.stdout.write(text)
-    elif target is not None:
+    else:
         write_file(Path(target), text.encode())
     return target == "-"

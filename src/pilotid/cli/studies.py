@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
+from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from pilotid import datasets
 from pilotid.cli import options
 from pilotid.datasets.named import PEOPLE, fetch, recordings_in
+from pilotid.methods import METHODS
 from pilotid.model.catalogue import AUTO
 from pilotid.model.element import element_named
 from pilotid.recording.files import Reading, load_recording, read_with
@@ -20,10 +23,10 @@ from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
-    from pilotid.datasets import Scenario
-    from pilotid.study.table import Fit, Store
+    from pilotid.study.table import Store
 
 Format = Literal["csv", "mat", "npz"]
+Profile = Literal["quick", "full", "paper"]
 #: Methods that are compared on people where none is named.
 METHODS_FOR_PEOPLE = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")
 #: What reports of studies are written as.
@@ -35,7 +38,7 @@ TABLES = (
 
 def compare(
     *,
-    profile: str = "quick",
+    profile: Profile = "quick",
     scenario: list[str] | None = None,
     like: Path | None = None,
     method: list[str] | None = None,
@@ -51,19 +54,15 @@ def compare(
     out: Path = Path("results/compare"),
 ) -> None:
     """Compare methods on simulated recordings whose truth is known."""
-    from pilotid.datasets import CATALOGUE
-    from pilotid.methods import METHODS
     from pilotid.study.exchange import enter_estimates, read_estimates, read_manifest
     from pilotid.study.study import PROFILES, Study
     from pilotid.study.table import Store
 
     if people is not None:
         if scenario or like or replications or scheduler:
-            raise InputError(
-                "--people takes recordings in place of simulations: leave --scenario, --like, "
-                "--replications and --scheduler out"
-            )
+            raise InputError("--people: leave out --scenario, --like, --replications, --scheduler")
         folder, known = fetch(people), PEOPLE[people]
+        mapping = (known["map"],) if known["map"] else ()
         analyse(
             recordings_in(folder, people),
             out=out,
@@ -71,30 +70,22 @@ def compare(
             model=[known["model"]],
             method=method or [*METHODS_FOR_PEOPLE],
             left_out=True,
-            reading=Reading(
-                (known["map"],) if known["map"] else (), float(known["dt"]) if known["dt"] else None
-            ),
+            reading=Reading(mapping, float(known["dt"]) if known["dt"] else None),
             seed=seed,
             workers=workers,
             force=force,
         )
         return
-    if profile not in PROFILES:
-        raise InputError(f"unknown profile '{profile}': choose from {', '.join(PROFILES)}")
-    if workers is not None and scheduler is not None:
-        raise InputError("--workers and --scheduler exclude each other; leave one out")
     default, count, usual = PROFILES[profile]
-    manifest = None if imported is None else read_manifest(imported)
-    if manifest is not None:
-        default, count = manifest.scenarios, manifest.replications
+    if imported is not None:
+        _, default, count, _ = read_manifest(imported)
     like_it = [] if like is None else [scenario_like(like, seed)]
-    names = options.names_of(scenario, () if like_it else default, list(CATALOGUE))
+    names = options.names_of(scenario, () if like_it else default, list(datasets.CATALOGUE))
     tried = options.names_of(method, usual, list(METHODS))
-    count = replications or count
-    study = Study([*like_it, *names], tried, count, seed)
-    read = [imported] if imported else []
-    disk.require_folder(out, TABLES, [*read, *read_with([like] if like else [])], force=force)
-    theirs = read_estimates(imported, manifest, study) if imported and manifest else []
+    study = Study([*like_it, *names], tried, replications or count, seed)
+    read = read_with([path for path in (imported, like) if path])
+    disk.require_folder(out, TABLES, read, force=force)
+    theirs = [] if imported is None else read_estimates(imported, study)
     with Store(out, create=True) as store:
         pending, size = study.enter(store, retry=retry_failed), len(study.keys)
         enter_estimates(store, theirs)
@@ -169,17 +160,15 @@ def compare_studies(first: Path, second: Path) -> None:
     show(make_console(), changes, *left_out)
 
 
-def scenario_like(path: Path, seed: int) -> Scenario:
+def scenario_like(path: Path, seed: int) -> datasets.Scenario:
     """The scenario of a recording, or the one in a `trust.json`."""
-    from pilotid.datasets import Scenario
-    from pilotid.datasets.named import designed_scenario
     from pilotid.study.trust import fits_of
 
     if path.suffix.lower() == ".json":
-        return designed_scenario(path)
+        return datasets.named.designed_scenario(path)
     recording = load_recording(path)
     model = options.selected_model(recording, AUTO, seed)
-    return Scenario.from_fit(fits_of(recording, model, seed=seed)[0], recording)
+    return datasets.Scenario.from_fit(fits_of(recording, model, seed=seed)[0], recording)
 
 
 def trust(
@@ -199,23 +188,19 @@ def trust(
 
     The first method that is named is the one whose fit is judged, else mle.
     """
-    from pilotid.methods import METHODS
     from pilotid.report.study import overview, write_report
     from pilotid.report.study_tables import advice, trust_table
     from pilotid.study.trust import TRUST, UNKNOWN, try_fit
 
     disk.require_folder(out, TABLES, read_with(files), force=force)
-    recordings, _ = reading.all(files, joint=len(files) > 1)
-    recording = recordings[0]
+    (recording,), _ = reading.all(files, joint=len(files) > 1)
     if element is not None:
         recording = replace(recording, controlled_element=element_named(element).name)
     chosen = options.selected_model(recording, model, seed)
     tried = options.names_of(method, [], list(METHODS))
 
-    def progress(results: Iterator[Fit], counts: Mapping[str, int]) -> Iterator[Fit]:
-        return with_bar(results, "fits", sum(counts.values()))
-
-    trusted = try_fit(recording, chosen, tried, out, replications, seed, workers, progress)
+    bar = partial(with_bar, what="fits")
+    trusted = try_fit(recording, chosen, tried, out, replications, seed, workers, bar)
     page = write_report(out, trusted.comparison)
     content = trusted.to_dict()
     words, losses, rankings = overview(trusted.comparison)
@@ -232,14 +217,9 @@ def fetch_data(name: str | None = None) -> None:
         if name in (None, people["name"]):
             facts = [f"{fact}: {text}" for fact, text in people.items() if text and fact != "name"]
             show(console, Line(people["name"], "heading"), *facts)
-    if name is None or folder is None:
-        return
-    people = PEOPLE[name]
-    settings = {f"--{option}": people[option] for option in ("pattern", "model", "map", "dt")}
-    given = [part for option, text in settings.items() if text for part in (option, text)]
-    files = f"{shlex.quote(str(folder))}/{people['files']}"  # which the shell expands
-    command = f"pilotid analyse {files} {shlex.join(given)} --out results/{name}"
-    show(console, f"The files are in {folder}:", command)
+    if folder is not None:
+        compare = f"pilotid compare --people {name} --out results/{name}"
+        show(console, f"The files are in {folder}:", compare)
 
 
 def analyse(
@@ -303,25 +283,20 @@ def design(
     force: bool = False,
 ) -> None:
     """Design forcing functions for small errors, within limits on error and control."""
-    from importlib.metadata import version
-
-    from pilotid.datasets import Scenario, scenario_named
     from pilotid.datasets.design import design as designed
     from pilotid.datasets.design import scenario_of_fit, write_files
     from pilotid.report.design import error_table, sentences, write_report
 
     read = [Path(path) for path in (scenario, estimates) if path is not None]
     disk.require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)
-    named = None if scenario is None else scenario_named(scenario)
-    chosen = named or scenario_named("nominal")
-    if not isinstance(chosen, Scenario) or chosen.violation is not None:
+    chosen = datasets.scenario_named(scenario or "nominal")
+    if not isinstance(chosen, datasets.Scenario) or chosen.violation is not None:
         raise InputError(f"{chosen.name}: a design is for one sound loop; name a scenario")
     if estimates is not None:
-        chosen = scenario_of_fit(estimates, chosen if named else None)
+        chosen = scenario_of_fit(estimates, chosen if scenario else None)
     with make_console(errors=True).status("designing"):
         made = designed(chosen, minimise, options.numbers_in("--limit", limit))
     command = shlex.join(options.TYPED)
-    about = {"pilotid": version("pilotid"), "command": command}
-    write_files(out, made, about)
+    write_files(out, made, {"pilotid": metadata.version("pilotid"), "command": command})
     page = write_report(out, made, command)
     show(make_console(), error_table(made), *sentences(made), f"report: {page}")

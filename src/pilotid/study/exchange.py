@@ -162,7 +162,7 @@ def read_manifest(estimates: Path) -> Manifest:
         ) from None
 
 
-def read_estimates(path: Path, manifest: Manifest, study: Study) -> list[tuple[Entry, list[Fit]]]:
+def read_estimates(path: Path, study: Study) -> list[tuple[Entry, list[Fit]]]:
     """The methods of a table of estimates, with a fit for each recording of the study.
 
     A recording without an estimate, or with one that makes no sense, is a fit that failed; a
@@ -174,8 +174,6 @@ def read_estimates(path: Path, manifest: Manifest, study: Study) -> list[tuple[E
         A CSV file with the columns scenario, replication, parameter and value, and if known
         std_error, lower and upper (ends of the 95 % interval), seconds, and method, which else is
         the file's name.
-    manifest
-        That of the recordings.
     study
         The study that they are to be part of.
 
@@ -184,7 +182,7 @@ def read_estimates(path: Path, manifest: Manifest, study: Study) -> list[tuple[E
     InputError
         If the table cannot be read, or is of other recordings than the study's.
     """
-    table = _table(path)
+    table, manifest = _table(path), read_manifest(path)
     if manifest.seed != study.seed:
         raise InputError(
             f"{path}: its recordings have the seed {manifest.seed}, the study has {study.seed}; "

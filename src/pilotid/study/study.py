@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -96,8 +95,8 @@ def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") ->
     return Entry(name, *entry, about, model, family, population, remnant)
 
 
-#: Shows results as they come: the results, and how many there will be by method.
-Bar = Callable[[Iterator[Fit], Mapping[str, int]], Iterable[Fit]]
+#: Shows results as they come: the results, and how many there will be.
+Bar = Callable[..., Iterable[Fit]]
 
 
 class Profile(NamedTuple):
@@ -237,7 +236,7 @@ class Study:
             yield fit
 
     def run_in(
-        self, folder: Path, workers: int | None = None, bar: Bar = lambda results, _: results
+        self, folder: Path, workers: int | None = None, bar: Bar = lambda results, total: results
     ) -> Comparison:
         """Fit what a folder's store lacks, and return all that it holds then.
 
@@ -253,7 +252,7 @@ class Study:
         make_folder(folder)
         with Store(folder, create=True) as store:
             pending = self.enter(store)
-            for _ in bar(self.run(store, pending, workers), counts_of(pending)):
+            for _ in bar(self.run(store, pending, workers), total=len(pending)):
                 pass
             return store.comparison()
 
@@ -268,11 +267,6 @@ class Study:
         contents = {pair: packed(tried) for pair, tried in self.pairs.items()}
         for key in keys:
             yield Task(key, self.seed, contents[key[:2]])
-
-
-def counts_of(pending: Iterable[Key]) -> dict[str, int]:
-    """How many fits there are of each method."""
-    return dict(Counter(method for _, method, _ in pending))
 
 
 def labelled_method(given: Method | str) -> tuple[str, Method, str]:

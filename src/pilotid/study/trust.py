@@ -196,7 +196,7 @@ def try_fit(
     replications: int,
     seed: int = DEFAULT_SEED,
     workers: int | None = None,
-    bar: Bar = lambda results, _: results,
+    bar: Bar = lambda results, total: results,
 ) -> Trust:
     """Fit a recording, and compare methods on simulations of the fit.
 
@@ -213,7 +213,7 @@ def try_fit(
     workers
         Processes; None for one for each processor.
     bar
-        Shows results as they come: the results, and how many there will be by method.
+        Shows results as they come: the results, and how many there will be.
 
     Raises
     ------

@@ -128,7 +128,11 @@ STORES = ("study.sqlite", "trust.json", "design.json", "report.html")
 
 
 def require_free(
-    targets: Iterable[Path], inputs: Iterable[Path] = (), *, force: bool = False
+    targets: Iterable[Path],
+    inputs: Iterable[Path] = (),
+    *,
+    force: bool = False,
+    unasked: Sequence[str] = RESULTS,
 ) -> None:
     """Refuse, before any work is done, files to write that must stay as they are.
 
@@ -139,7 +143,9 @@ def require_free(
     inputs
         Files that are read: they are never written over.
     force
-        Whether files may be written over that are no `RESULTS`.
+        Whether files may be written over of any suffix.
+    unasked
+        Suffixes of files that are written over in any case.
     """
     read = {path.resolve() for path in inputs}
     taken: set[Path] = set()
@@ -156,24 +162,17 @@ def require_free(
             raise InputError(f"{target}: is a folder; name a file in it")
         if not (target.exists() or os.access(target.parent, os.W_OK | os.X_OK)):
             raise InputError(f"{target}: cannot be written; check the rights of its folder")
-        if not force and target.suffix not in RESULTS and target.is_file():
-            raise _is_there(target)
+        if not force and target.suffix not in unasked and target.is_file():
+            raise InputError(
+                f"{target}: is there already; name another place, or write over it with --force"
+            )
 
 
 def require_folder(
     folder: Path, names: Sequence[str], inputs: Iterable[Path] = (), *, force: bool = False
 ) -> None:
     """The same for files of these names in a folder, which is made."""
-    targets = [folder / name for name in names]
     ours = any((folder / name).exists() for name in STORES)
-    there = [path for path in targets if path.is_file()]
     make_folder(folder)
-    require_free(targets, inputs, force=True)
-    if there and not (ours or force):
-        raise _is_there(there[0])
-
-
-def _is_there(target: Path) -> InputError:
-    return InputError(
-        f"{target}: is there already; name another place, or write over it with --force"
-    )
+    targets = [folder / name for name in names]
+    require_free(targets, inputs, force=force or ours, unasked=())

@@ -14,6 +14,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from html import unescape
 from itertools import compress
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -42,18 +43,15 @@ def number(value: float, digits: int = 3) -> str:
         return NONE
     if value == 0.0 or 1e-3 <= abs(value) < 1e5:
         places = decimals(value, digits, digits) if value else 0
-        text = f"{value:.{places}f}"
-    else:
-        text = f"{value:.1e}"
-    return text if float(text) else text.lstrip("-")
+        return f"{value:z.{places}f}"
+    return f"{value:.1e}"
 
 
 def to_error(value: float, error: float, most: int = 4) -> str:
     """A value with the decimals that its error allows, at the most `most`."""
     if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
         return number(value)
-    text = f"{value:.{decimals(error, most=most)}f}"
-    return text if float(text) else text.lstrip("-")
+    return f"{value:z.{decimals(error, most=most)}f}"
 
 
 def unsigned(value: float, error: float) -> str:
@@ -67,8 +65,8 @@ def unsigned(value: float, error: float) -> str:
 def plus_minus(value: float, error: float) -> str:
     """A difference, with its sign, and its error, of which two digits are shown."""
     text = unsigned(value, error)
-    known = math.isfinite(value) and math.isfinite(error) and value > 0.0 and error > 0.0
-    return f"+{text}" if known and float(text.partition(" ")[0]) > 0.0 else text
+    shown, known, _ = text.partition(" ± ")
+    return f"+{text}" if known and float(shown) > 0.0 else text
 
 
 def percent(value: float, error: float = math.nan) -> str:
@@ -98,13 +96,6 @@ def p_value(p: float) -> str:
 # signs
 
 LINK = r"\[([^\]]+)\]\((#[\w-]+|(?:[\w.-]+/)+[\w.+-]+|[\w-]+\.csv)\)"
-GREEK = {
-    "tau": "τ",
-    "omega": "ω",
-    "zeta": "ζ",
-    "sigma": "\N{GREEK SMALL LETTER SIGMA}",
-    "varphi": "φ",
-}
 LATEX = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -156,11 +147,18 @@ def math_html(formula: str) -> Markup:
     """A formula of letters, indices and powers as HTML; other commands lose their backslash."""
     from markupsafe import Markup
 
-    text = re.sub(r"\\mathrm\{(\w+)\}", r"\1", str(inline(formula.strip("$"))))
-    text = re.sub(r"\\([a-z]+)", lambda m: GREEK.get(m[1], m[1]), text).replace(r"\,", " ")
+    text = re.sub(r"\\mathrm\{(\w+)\}", r"\1", formula.strip("$"))
+    text = re.sub(r"\\(?:var)?([a-z]+)", _letter, text).replace(r"\,", " ")
+    text = str(inline(text))
     for sign, tag in (("_", "sub"), ("^", "sup")):
         text = re.sub(rf"\{sign}(?:\{{([^}}]*)\}}|(.))", rf"<{tag}>\1\2</{tag}>", text)
     return Markup(text)
+
+
+def _letter(command: re.Match[str]) -> str:
+    """The letter or sign that a command stands for, or its name."""
+    sign = unescape(f"&{command[1]};")
+    return command[1] if sign.startswith("&") else sign
 
 
 def for_markdown(text: str) -> str:
@@ -430,12 +428,9 @@ def make_console(*, errors: bool = False) -> Console:
     """A console that neither colours nor breaks lines where it does not face a terminal."""
     from rich.console import Console
 
-    console = Console(stderr=errors, highlight=False, markup=False, emoji=False)
-    if not console.is_terminal:
-        asked = os.environ.get("COLUMNS", "")
-        width = int(asked) if asked.isdecimal() and int(asked) else PLAIN_WIDTH
-        console = Console(stderr=errors, highlight=False, markup=False, emoji=False, width=width)
-    return console
+    stream, asked = sys.stderr if errors else sys.stdout, os.environ.get("COLUMNS", "")
+    width = None if stream.isatty() or asked.isdecimal() else PLAIN_WIDTH
+    return Console(stderr=errors, highlight=False, markup=False, emoji=False, width=width)
 
 
 def with_bar(items: Iterable[T], what: str, total: int) -> Iterator[T]:

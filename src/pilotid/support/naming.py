@@ -91,7 +91,8 @@ def with_settings(thing: Any, text: str | None, given: str) -> Any:
 def named(text: str, known: Mapping[str, Any], kind: str, place: str) -> Any:
     """The thing of a catalogue, or in code, that a text names, with the settings behind it.
 
-    One of a catalogue whose settings change has the text for a name, if it has one to change.
+    A class in code is made: with these settings, and its usual ones for the rest.  A thing of a
+    catalogue whose settings change has the text for a name, if it has one to change.
 
     Parameters
     ----------
@@ -108,8 +109,8 @@ def named(text: str, known: Mapping[str, Any], kind: str, place: str) -> Any:
         If there is none of that name, or if it refuses the settings.
     """
     name, settings = split_call(text)
-    if PLACE.fullmatch(name):
-        return load_object(text)
+    if place_in_code := PLACE.fullmatch(name):
+        return with_settings(_taken(place_in_code), settings, text)
     if name not in known:
         there = f"choose from {', '.join(known)}, or name file.py:{place}"
         raise InputError(f"unknown {kind} '{name}': {there}")
@@ -270,27 +271,15 @@ KNOWN = {"pilotid", "cloudpickle", *sys.stdlib_module_names, *LIBRARIES}
 copyreg.pickle(type(dataclasses.MISSING), lambda _: "MISSING")
 
 
-def load_object(text: str) -> Any:
-    """What stands at ``file.py:NAME`` or ``package.module:NAME``, with the settings behind it.
-
-    A class is made: with these settings, and its usual ones for the rest.
-
-    Raises
-    ------
-    InputError
-        If the code cannot be imported, holds no such name, or refuses the settings.
-    """
-    place, settings = split_call(text)
-    parts = PLACE.fullmatch(place)
-    if parts is None:
-        raise InputError(f"{text}: is not file.py:NAME or package.module:NAME")
-    module = thing = _module(parts["module"])
-    for name in parts["name"].split("."):
+def _taken(place: re.Match[str]) -> Any:
+    """What stands at a place in code."""
+    module = thing = _module(place["module"])
+    for name in place["name"].split("."):
         if not hasattr(thing, name):
             there = [known for known in vars(module) if not known.startswith("_")]
-            raise InputError(f"{place}: holds no '{name}'; it has {', '.join(there[-20:])}")
+            raise InputError(f"{place[0]}: holds no '{name}'; it has {', '.join(there[-20:])}")
         thing = getattr(thing, name)
-    return with_settings(thing, settings, text)
+    return thing
 
 
 def _module(where: str) -> ModuleType:
