@@ -75,7 +75,7 @@ class Outer:
         ("either='5'", "either", "5"),
         ("kind=3", "kind", 3),
         ("pair=(3, 4)", "pair", (3.0, 4)),
-        ("many=(a, 'b c')", "many", ("a", "b c")),
+        ("many=[a, 'b c']", "many", ("a", "b c")),
         ("inner=Inner(wide=true)", "inner", Inner(wide=True)),
         ("anything=((1, 2.5), none, x)", "anything", ((1, 2.5), None, "x")),
     ],

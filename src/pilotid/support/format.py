@@ -15,7 +15,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from html import unescape
-from itertools import compress
+from itertools import compress, pairwise, starmap
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from pilotid.support.types import one_line, printable
@@ -241,13 +241,8 @@ def table(
         See `Table`.
     """
     known = forms or {}
-    texts = [
-        tuple(
-            _text_of(value, known.get(title, str))
-            for title, value in zip(columns, row, strict=True)
-        )
-        for row in rows
-    ]
+    writers = [known.get(title, str) for title in columns]
+    texts = [tuple(starmap(_text_of, zip(row, writers, strict=True))) for row in rows]
     kept = [
         place < heads or any(row[place] not in ("", "0", NONE) for row in texts)
         for place in range(len(columns))
@@ -346,19 +341,14 @@ class Line(NamedTuple):
 
 def show(console: Console, *blocks: str | Line | Table) -> None:
     """Print lines, and tables between empty lines; wide tables come in parts."""
-    lines = 0
-    for block in blocks:
-        if isinstance(block, str | Line):
-            if lines < 0:
-                console.print()
+    for before, block in pairwise((None, *blocks)):
+        if before is not None and Table in (type(before), type(block)):
+            console.print()
+        if isinstance(block, Table):
+            print_frame(console, block)
+        elif block is not None:
             text, mark = (block, "") if isinstance(block, str) else block
             console.print(plain(text), style=STYLES.get(mark), soft_wrap=True)
-            lines = 1
-            continue
-        if lines:
-            console.print()
-        print_frame(console, block)
-        lines = -1
 
 
 def as_text(*blocks: str | Line | Table) -> str:
@@ -393,14 +383,12 @@ def _parts(table: Table, width: int) -> list[list[int]]:
         return GAP + (longest if whole else min(longest, FOLDED))
 
     widths = [wide(place) for place in range(len(table.columns))]
-    parts, left = [[*heads]], width + GAP - sum(widths[place] for place in heads)
-    room = left
+    parts = [[*heads]]
     for place in range(len(heads), len(widths)):
-        if widths[place] > room and len(parts[-1]) > len(heads):
+        wanted = sum(widths[beside] for beside in (*parts[-1], place))
+        if wanted > width + GAP and parts[-1] != heads:
             parts.append([*heads])
-            room = left
         parts[-1].append(place)
-        room -= widths[place]
     return parts
 
 

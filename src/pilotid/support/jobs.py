@@ -20,7 +20,6 @@ from itertools import islice
 from multiprocessing import spawn
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
-from threading import Lock
 from typing import Any, NamedTuple, TypeVar
 
 from pilotid.support.naming import LIBRARIES, digest_of
@@ -167,7 +166,6 @@ def _processes(workers: int, seconds: float | None) -> Iterator[Workers]:
         pool.join()
 
 
-_STARTING = Lock()
 _PREPARE = spawn.get_preparation_data
 
 
@@ -181,7 +179,7 @@ class _Context(SpawnContext):
             A script without a main guard would start itself again, and Python does not know
             joblib's way to start processes by itself.
             """
-            with _STARTING, ExitStack() as afterwards:
+            with ExitStack() as afterwards:
                 afterwards.callback(os.environ.update, dict(os.environ))
                 for name in THREADS:
                     afterwards.callback(os.environ.pop, name)

@@ -116,7 +116,7 @@ def named(text: str, known: Mapping[str, Any], kind: str, place: str) -> Any:
         raise InputError(f"unknown {kind} '{name}': {there}")
     usual = known[name]
     thing = with_settings(usual, settings, text)
-    renamed = thing != usual and thing.name == usual.name and "name" in vars(usual)
+    renamed = "name" in vars(usual) and thing != usual and thing.name == usual.name
     return dataclasses.replace(thing, name=name_of(text)) if renamed else thing
 
 
@@ -155,9 +155,10 @@ def _values(kind: type, call: ast.Call) -> dict[str, object]:
 
     hints = get_type_hints(kind)
     parts = [*kind.__mro__, *(part for hint in hints.values() for part in (hint, *get_args(hint)))]
-    places = [vars(sys.modules[getattr(part, "__module__", "typing")]) for part in parts]
+    modules = [sys.modules.get(getattr(part, "__module__", "")) for part in parts]
+    places = [vars(module) for module in modules if module]
     typed = {str(setting.arg): _value(setting.value, places) for setting in call.keywords}
-    for name in typed.keys() - {field.name for field in _fields(kind)}:
+    for name in sorted(typed.keys() - {field.name for field in _fields(kind)}):
         raise ValueError(f"there is no setting '{name}'")
     types: Any = tuple[tuple(hints[name] for name in typed)]  # type: ignore[misc]
     strictly = ConfigDict(strict=True, arbitrary_types_allowed=True)
@@ -172,7 +173,7 @@ def _values(kind: type, call: ast.Call) -> dict[str, object]:
 
 def _value(node: ast.expr, places: Sequence[Mapping[str, Any]]) -> object:
     """What was typed as an object; a dataclass is one known where a declared type is written."""
-    if isinstance(node, ast.Tuple):
+    if isinstance(node, ast.Tuple | ast.List):
         return tuple(_value(entry, places) for entry in node.elts)
     if not isinstance(node, ast.Call):
         return ast.literal_eval(node)
