@@ -61,8 +61,11 @@ def test_what_is_wrong_with_a_recording_is_told(run: Run, tmp_path: Path) -> Non
     assert "recording: e does not move: map it" in printed.out
 
 
-def test_wrong_use_ends_with_a_sentence(run: Run) -> None:
-    missing, unread = run("posterior", "a.csv", "b.csv"), run("posterior", "--element", "four", "a")
+def test_wrong_use_ends_with_a_sentence(run: Run, tmp_path: Path) -> None:
+    file = tmp_path / "a.csv"
+    save_recording(RECORDING, file)
+    missing = run("posterior", "a.csv", "b.csv")
+    unread = run("posterior", "--element", "four", file)
     assert missing.status == unread.status == 2
     assert "a.csv: there is no such file; check the name and the folder; b.csv" in missing.err
     assert "the controlled element 'four' cannot be read: 'four'" in unread.err

@@ -20,7 +20,7 @@ from pilotid.estimate.method import Method
 from pilotid.estimate.method import identify as run_method
 from pilotid.methods import label_of, method_named
 from pilotid.model.catalogue import model_named
-from pilotid.model.element import ControlledElement, as_element
+from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, ranged, recording_rng
@@ -124,7 +124,7 @@ def check(
     from pilotid.report.check import check_all
 
     _require(recording, Recording, "recording")
-    (checked,) = check_all([recording], as_element(element) if element else None)
+    (checked,) = check_all([recording], element)
     return checked
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import findings
 from pilotid.checks.element_forms import FormFit, fits_of, simplest, spectra_in_window
-from pilotid.model.element import ControlledElement, parsed_element
+from pilotid.model.element import ControlledElement, as_element, parsed_element
 from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
 from pilotid.support.remarks import Remark, remark_of
@@ -196,7 +196,9 @@ class ElementChoice:
         return f"loops with the controlled element {name}, {ORIGINS[self.origin]}"
 
 
-def chosen_element(recording: Recording, given: ControlledElement | None = None) -> ElementChoice:
+def chosen_element(
+    recording: Recording, given: ControlledElement | str | None = None
+) -> ElementChoice:
     """The element that the user gives, else that the file names, else that its signals show.
 
     Parameters
@@ -204,8 +206,9 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
     recording
         The recording.
     given
-        The user's element, if any.
+        The user's element, or its text, if any.
     """
+    given = as_element(given) if given else None
     identified = identified_element(recording)
     named = parsed_element(recording.controlled_element)
     fault = next((f for f in findings(recording) if f.grade != "note"), None)

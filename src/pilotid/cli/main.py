@@ -26,7 +26,6 @@ from pilotid.estimate.warnings import unrecorded
 from pilotid.methods import METHODS
 from pilotid.methods.bayes import Bayes
 from pilotid.model.catalogue import AUTO, MODELS, model_named
-from pilotid.model.element import ControlledElement, element_named
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import Reading, read_with, save_recording
 from pilotid.recording.recording import Recording
@@ -150,7 +149,7 @@ def fit(
     force: bool = False,
 ) -> None:
     """Identify a pilot model from recordings."""
-    plant, ignored = element_named(element) if element else None, codes_in(ignore or ())
+    ignored = codes_in(ignore or ())
     models, methods = options.models_of(model, fix), options.methods_of(method, ["mle"])
     options.require_free(files, json, report, force=force)
     recordings, refused = reading.all(files, joint=joint)
@@ -160,7 +159,7 @@ def fit(
         refused += [f"{recording.source}: {text}" for text in why.values()]
         able = [m for m in models if m.name not in why]
         if able or not models:
-            found = _fitted(recording, able, fix, methods, seed, plant)
+            found = _fitted(recording, able, fix, methods, seed, element)
             fits += [fitted.without(ignored) for fitted in found]
     if not fits:
         options.raise_refused(refused)
@@ -191,13 +190,13 @@ def _fitted(
     fix: str | None,
     methods: Mapping[str, Method],
     seed: int,
-    plant: ControlledElement | None,
+    element: str | None,
 ) -> list[Fitted]:
     """The fits of each model, and their loops with the controlled element, if it is known.
 
     The first has what was said of models, where there are several or none is named.
     """
-    choice = chosen_element(recording, plant)
+    choice = chosen_element(recording, element)
     if len(named) == 1:
         return [fit_all(recording, named[0], methods, seed, choice)]
     from pilotid.likelihood.choice import select
@@ -223,11 +222,10 @@ def check(
     """Summarise recordings and report problems."""
     from pilotid.report.check import check_all, summary_of
 
-    plant = element_named(element) if element else None
     ignored = codes_in(ignore or ())
     options.require_free(files, json, force=force)
     recordings, refused = reading.all(files, joint=joint)
-    every = check_all(recordings, plant, ignored)
+    every = check_all(recordings, element, ignored)
     if not options.write_json(json, (checked.to_dict() for checked in every)):
         gap = [""] * (not brief)
         for number, checked in enumerate(every):
@@ -256,7 +254,6 @@ def posterior(
     """Sample the posterior of a pilot model's parameters with emcee."""
     from pilotid.report.fit import print_posterior, quantities_of, write_posterior
 
-    plant = element_named(element) if element else None
     models = [] if model == AUTO else [model_named(model)]
     folders: dict[str, Path] = {}
     if out is not None and len(files) > 1 and not joint:
@@ -269,7 +266,7 @@ def posterior(
     sampler = {"bayes": Bayes(effective=2000.0)}
     for number, recording in enumerate(recordings):
         with make_console(errors=True).status("sampling"):
-            (fitted,) = _fitted(recording, models, None, sampler, seed, plant)
+            (fitted,) = _fitted(recording, models, None, sampler, seed, element)
         quantities = quantities_of(fitted)
         place = folders.get(recording.source, out)
         written = write_posterior(place, fitted, quantities) if place and quantities else []

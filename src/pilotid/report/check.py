@@ -173,7 +173,7 @@ def _forcing_facts(recording: Recording, name: str) -> dict[str, Any]:
 
 def check_all(
     recordings: Sequence[Recording],
-    element: ControlledElement | None = None,
+    element: ControlledElement | str | None = None,
     ignored: Collection[str] = (),
 ) -> list[Checked]:
     """Check recordings, also for copies of one another.
@@ -183,7 +183,7 @@ def check_all(
     recordings
         The recordings.
     element
-        The controlled element, to compare with what is seen.
+        The controlled element, or its text, to compare with what is seen.
     ignored
         Codes of remarks that are left out.
     """
