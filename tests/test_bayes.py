@@ -64,8 +64,10 @@ def test_sums_of_squares_are_the_last_elements_of_the_gram_matrices(
 ) -> None:
     likelihood = likelihood_of(LowPass(order), terms, runs=2)
     values = sets_of(LowPass(order), 37)
-    expected = likelihood.joint.gram(values)[:, -1, -1]
-    np.testing.assert_allclose(likelihood.sums_of_squares(values), expected, rtol=1e-6)
+    joint = likelihood.joint
+    taps = joint.noise.filters(values[:, joint.pilot_count :], joint.band)
+    expected = joint.gram(values)[:, -1, -1]
+    np.testing.assert_allclose(likelihood.sums_of_squares(values, taps), expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e6])
@@ -195,7 +197,7 @@ def test_the_posterior_of_a_gain_alone_is_that_of_a_quadrature() -> None:
     optimum = maximise_likelihood(SIMPLE, model, np.random.default_rng(6), settings)
     grid = np.linspace(0.8, 1.2, 4001) * estimate.values[0]
     # A Student-t density in closed form: the response is linear in the gain.
-    squares = Posterior(optimum.joint).sums_of_squares(grid[:, None])
+    squares = Posterior(optimum.joint).sums_of_squares(grid[:, None], np.ones((grid.size, 1)))
     a, b, c = np.polyfit(grid, squares, 2)
     freedom = optimum.joint.residuals - 1
     oracle = stats.t(freedom, -b / (2.0 * a), np.sqrt((c - b * b / (4.0 * a)) / (a * freedom)))

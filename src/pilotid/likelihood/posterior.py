@@ -257,22 +257,26 @@ class Posterior:
                 sums = np.einsum("si,sij,sj->s", taps, products, taps)
                 freedom -= self.integrated if terms is None else 0
             else:
-                taps, sums = self._taps(values), self.sums_of_squares(values)
+                joint = self.joint
+                taps = joint.noise.filters(values[:, joint.pilot_count :], joint.band)
+                sums = self.sums_of_squares(values, taps)
             deviance = freedom * np.log(sums) + further
             if terms is not None:
                 loop = self._prediction.loop.residual_spectra(values[:, : self.joint.pilot_count])
                 deviance += 2.0 * (terms.of_loop(loop[:, 0]) + terms.of_whitener(taps))
             return np.asarray(-0.5 / self.widened * deviance)
 
-    def sums_of_squares(self, values: FloatArray) -> FloatArray:
+    def sums_of_squares(self, values: FloatArray, taps: FloatArray) -> FloatArray:
         """Sums of squares of the prediction errors, shape (sets,).
 
         Parameters
         ----------
         values
-            Sets of pilot and, in any case, remnant parameters.
+            Parameter sets, of which the pilot's come first.
+        taps
+            The whitening filter of each, shape (sets, taps).
         """
-        taps, prediction = self._taps(values), self._prediction
+        prediction = self._prediction
         sums = np.empty(len(values))
         for block in _blocks(len(values)):
             spectra = prediction.residual_spectra(values[block, : self.joint.pilot_count])
@@ -285,10 +289,6 @@ class Posterior:
             count = taps.shape[1]
             sums += np.vecdot(taps @ self._terms.outside[:count, :count], taps)
         return sums
-
-    def _taps(self, values: FloatArray) -> FloatArray:
-        """Whitening filters of sets of pilot and remnant parameters."""
-        return self.joint.noise.filters(values[:, self.joint.pilot_count :], self.joint.band)
 
     def lagged_products(self, values: FloatArray) -> FloatArray:
         """Inner products of the residual with itself at all pairs of lags 0 to the order.
