@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import count
 from math import factorial
 
 import numpy as np
@@ -89,16 +90,14 @@ def fast_length(samples: int) -> int:
 
     scipy has the same as ``next_fast_len``, but takes longer to import than a fit takes.
     """
-    best = 1 << max(samples - 1, 0).bit_length()
-    five = 1
-    while five < best:
-        product = five
-        while product < best:
-            # By the smallest power of 2 that makes it long enough.
-            best = min(best, product << max(-(-samples // product) - 1, 0).bit_length())
-            product *= 3
-        five *= 5
-    return best
+
+    def is_fast(length: int) -> bool:
+        for prime in (2, 3, 5):
+            while length % prime == 0:
+                length //= prime
+        return length == 1
+
+    return next(filter(is_fast, count(max(samples, 1))))
 
 
 MIN_SCORED = 3.0  # seconds that must remain to be scored
