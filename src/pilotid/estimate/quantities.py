@@ -616,7 +616,7 @@ def score_test(score: FloatArray, shares: FloatArray, against: str) -> Specifica
     # What the estimate has made use of scatters by less than its share; and the covariance is
     # itself an estimate, so that no direction scatters by less than a certain part.
     part = ESTIMATE.covariance
-    scatter = part + (1.0 - part) * np.clip(shares, 0.0, 1.0) ** 2
+    scatter = part + (1.0 - part) * np.clip(shares, 0.0, 1.0) ** ESTIMATE.made_use_of
     statistic = float(np.sum(score**2 / scatter))
     if not math.isfinite(statistic):
         return None
