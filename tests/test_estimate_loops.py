@@ -108,6 +108,17 @@ def test_the_effective_delay_is_that_of_the_crossover_model_with_its_error() -> 
     assert late.std_error == pytest.approx(own.effective_delay.std_error, rel=0.15)
 
 
+def test_a_loop_whose_crossover_is_not_told_has_no_numbers() -> None:
+    scenario = SINGLE_LOOP
+    known, unknown = (
+        estimate_of(scenario.values, share * scenario.values).loops(scenario.element).target
+        for share in (0.02, 5.0)
+    )
+    for what in ("crossover", "phase_margin", "effective_delay"):
+        assert getattr(known, what).determined
+        assert getattr(unknown, what).shown()[0] == "not determined"
+
+
 @pytest.mark.long
 def test_an_estimate_makes_loops_and_transfer_functions_and_draws_them() -> None:
     own = estimate_at(SINGLE, RESONANT, np.diag(ERRORS**2))

@@ -100,6 +100,15 @@ def test_a_delay_that_people_do_not_have() -> None:
     assert remarks_on(estimate_of(SINGLE, tdvis=0.11)) == ()
 
 
+def test_a_damping_that_people_do_not_have() -> None:
+    (remark,) = remarks_on(with_interval(estimate_of(SINGLE, dnm=0.06), "dnm", 0.03, 0.1))
+    assert (remark.code, remark.grade) == ("outside-range", "doubt")
+    assert remarks_on(with_interval(estimate_of(SINGLE, dnm=0.11), "dnm", 0.06, 0.2)) == ()
+    # What is not determined may have any value.
+    (remark,) = remarks_on(with_interval(estimate_of(SINGLE, dnm=0.06), "dnm", 0.03, 1.0))
+    assert remark.code == "not-determined"
+
+
 def test_what_is_known_where_an_interval_ends_at_a_bound() -> None:
     at_bound = replace(estimate_of(SINGLE, fnm=39.0), outcome=Outcome.AT_BOUND)
     (remark,) = remarks_on(with_interval(at_bound, "fnm", 12.0, 40.0))

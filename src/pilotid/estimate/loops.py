@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pilotid.checks.checks import motionless
-from pilotid.estimate.quantities import Draws, Quantity, normal, sampled
+from pilotid.estimate.quantities import Draws, Quantity, normal, sampled, spans_decade
 from pilotid.model.element import ControlledElement
 from pilotid.model.loops import (
     GRID,
@@ -298,7 +298,7 @@ def _loop(
 ) -> Loop:
     """A loop of the numbers that a quantity is made of, in the order of `UNITS`."""
     named = zip(UNITS.items(), numbers, strict=True)
-    crossover, phase_margin, late = (
-        quantity(f"{name}_{what}", unit, *given) for (what, unit), given in named
-    )
-    return Loop(name, crossover, phase_margin, late, others, remark)
+    three = [quantity(f"{name}_{what}", unit, *given) for (what, unit), given in named]
+    low, high = three[0].interval
+    known = bool(low > 0.0 and not spans_decade(low, high))
+    return Loop(name, *(replace(q, determined=known) for q in three), others, remark)

@@ -200,7 +200,7 @@ class Quantity:
         Ends of the 95 % interval.
     determined
         Whether the recording tells it: False where the interval of a parameter ends at a bound, or
-        that of a positive number spans more than a factor of ten.
+        that of a positive number spans more than a factor of ten; of a loop with its crossover.
     highest_density
         Of a posterior, the shortest 95 % interval; `value` is its mean, `std_error` its standard
         deviation, and `lower` and `upper` have as much outside on either side.
@@ -234,8 +234,8 @@ class Quantity:
         if not (math.isfinite(error) and error > 0.0):
             return f"{self.value:.4g}", ""
         digits = decimals(error)
-        value = f"{self.value:.{digits}f} ± {error:.{digits}f}"
-        return value, f"{self.lower:.{digits}f} .. {self.upper:.{digits}f}"
+        value = f"{self.value:z.{digits}f} ± {error:.{digits}f}"
+        return value, f"{self.lower:z.{digits}f} .. {self.upper:z.{digits}f}"
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them."""

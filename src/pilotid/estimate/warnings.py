@@ -16,6 +16,7 @@ from pilotid.estimate.quantities import spans_decade
 from pilotid.model.catalogue import fault_of
 from pilotid.model.channel import STEEP
 from pilotid.model.element import parsed_element
+from pilotid.model.factors import Neuromuscular
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.roles import listed
@@ -246,7 +247,7 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
     return (
         *remarks,
         *_steps(estimate),
-        *_short_delays(estimate),
+        *_unlike_people(estimate),
         *(Remark("inseparable", pair.words) for pair in estimate.inseparable),
         *_not_determined(estimate),
     )
@@ -298,15 +299,26 @@ def _steps(estimate: Estimate) -> Iterator[Remark]:
     )
 
 
-def _short_delays(estimate: Estimate) -> Iterator[Remark]:
-    """Delays that people do not have."""
-    for i in estimate.model.delays:
+def _unlike_people(estimate: Estimate) -> Iterator[Remark]:
+    """Delays and dampings that people do not have."""
+    model = estimate.model
+    factors = {factor for channel in model.channels for factor in channel.dynamics}
+    for key in {f.damping_key for f in factors if isinstance(f, Neuromuscular)} & {*model.keys}:
+        value = float(estimate.values[model.index[key]])
+        if value < ESTIMATE.least_damping and estimate.determined[model.index[key]]:
+            yield Remark(
+                "outside-range",
+                f"{key} is {value:.3g}, but neuromuscular systems of people are not damped by less "
+                f"than {ESTIMATE.least_damping:g}: a resonance of the remnant may have taken the "
+                f"place of the system; compare with --fix {key}=0.3",
+            )
+    for i in model.delays:
         value, end = float(estimate.values[i]), float(estimate.intervals[i, 1])
         open_end = end > ESTIMATE.shortest_delay
         if value < ESTIMATE.shortest_delay:
             yield Remark(
                 "outside-range",
-                f"{estimate.model.keys[i]} is {value:.3g} s (at most {end:.3g}), but people's "
+                f"{model.keys[i]} is {value:.3g} s (at most {end:.3g}), but people's "
                 f"delays are not below {ESTIMATE.shortest_delay:g} s: another parameter may have "
                 "taken its part (a lag, a slow neuromuscular system), or u was recorded early",
                 "note" if open_end and value >= ESTIMATE.no_delay else "doubt",
@@ -322,7 +334,7 @@ def _not_determined(estimate: Estimate) -> Iterator[Remark]:
         if not p.lower <= value <= p.upper:
             continue  # of a method without bounds, which says so itself
         if p.delay and value < ESTIMATE.shortest_delay and not is_high[i]:
-            continue  # `_short_delays` says so
+            continue  # `_unlike_people` says so
         unit, (least, most) = f" {p.unit}" if p.unit else "", p.usual
         if is_low[i] and is_high[i]:
             notes.append(f"{p.key} may have any value from {p.lower:g} to {p.upper:g}{unit}")

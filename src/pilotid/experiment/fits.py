@@ -25,7 +25,7 @@ from pilotid.checks.element_fit import chosen_element
 from pilotid.estimate.estimate import Estimate, is_at_bound
 from pilotid.estimate.loops import Loops
 from pilotid.estimate.method import Method, fit_all, identify
-from pilotid.estimate.quantities import frame_of, spans_decade
+from pilotid.estimate.quantities import frame_of
 from pilotid.experiment.files import Part
 from pilotid.experiment.results import (
     LEFT_OUT,
@@ -264,10 +264,8 @@ def _estimate(estimate: Estimate, loops: Loops | None) -> Content:
 
     model, frames = estimate.model, [frame_of(estimate.quantities).assign(kind=PARAMETER)]
     for loop in loops.shown if loops else ():
-        low, high = loop.crossover.interval
-        known = bool(low > 0.0 and not spans_decade(low, high))
         of_loop = frame_of((loop.crossover, loop.phase_margin, loop.effective_delay))
-        frames.append(of_loop.assign(kind=LOOP, determined=known))
+        frames.append(of_loop.assign(kind=LOOP))
     rows = concat(frames)
     rows[LEFT_OUT] = rows["determined"].map({True: "", False: "not determined"})
     ends = np.array(model.keys)[is_at_bound(model, estimate.values)]
