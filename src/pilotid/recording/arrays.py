@@ -6,6 +6,7 @@ MATLAB's versions 4 and 5 are read by scipy in a process of their own, which a d
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import pickle
@@ -157,7 +158,9 @@ def _in_hdf5(entry: Any) -> Any:
 def _reader(owner: int) -> Any:
     """The process that reads for the one with this id; one that was forked has another."""
     command = [sys.executable, "-PWignore", "-c", READER]
-    return Popen(command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL)
+    reader = Popen(command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL)
+    atexit.register(reader.communicate)  # it ends when its input does
+    return reader
 
 
 def _loaded(path: Path) -> dict[str, Any]:
