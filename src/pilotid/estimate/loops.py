@@ -301,4 +301,5 @@ def _loop(
     three = [quantity(f"{name}_{what}", unit, *given) for (what, unit), given in named]
     low, high = three[0].interval
     known = bool(low > 0.0 and not spans_decade(low, high))
-    return Loop(name, *(replace(q, determined=known) for q in three), others, remark)
+    crossover, phase_margin, late = (replace(q, determined=known) for q in three)
+    return Loop(name, crossover, phase_margin, late, others, remark)
