@@ -111,8 +111,8 @@ def test_the_effective_delay_is_that_of_the_crossover_model_with_its_error() -> 
 def test_a_loop_whose_crossover_is_not_told_has_no_numbers() -> None:
     scenario = SINGLE_LOOP
     known, unknown = (
-        estimate_of(scenario.values, share * scenario.values).loops(scenario.element).target
-        for share in (0.02, 5.0)
+        estimate_at(SINGLE, scenario.values, np.diag(spread)).loops(scenario.element).target
+        for spread in ((0.02 * scenario.values) ** 2, (5.0 * scenario.values) ** 2)
     )
     for what in ("crossover", "phase_margin", "effective_delay"):
         assert getattr(known, what).determined

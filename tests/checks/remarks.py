@@ -1,4 +1,4 @@
-"""How often right fits are warned of, by code; `recorder` tells how often faults are named.
+"""Coverage of `mle`, and how often its right fits are warned of; `recorder` tells of faults.
 
     nox -s check -- remarks --recordings 100 [--first 1000] [--only population-usual,zero]
 
@@ -70,17 +70,19 @@ def said_of(recording: Recording) -> dict[str, str]:
 
 
 def false_alarms(name: str, first: int, count: int) -> None:
-    """Print how often right fits of a stratum are warned of."""
+    """Print a row: coverage, fits that are off, and how often right fits are warned of, by code."""
     right = wrong = alarmed = silent = 0
-    codes: Counter[str] = Counter()
+    codes, covered = Counter[str](), list[float]()
     for i, (recording, model, truth) in enumerate(drawn(name, first, count), first):
         estimate = identify(method_named("mle"), recording, model, np.random.default_rng(i))
         if not estimate.outcome.usable:
             continue
         said = said_of(recording) | {r.code: r.grade for r in estimate.remarks}
         loud = {code: grade for code, grade in said.items() if grade != "note"}
-        off = np.abs(estimate.values - [truth[k] for k in model.keys]) / estimate.std_error
-        if np.any(off > FAR):
+        true = np.array([truth[key] for key in model.keys])
+        low, high = estimate.intervals.T
+        covered.append(float(np.mean((low <= true) & (true <= high))))
+        if np.any(np.abs(estimate.values - true) > FAR * estimate.std_error):
             silent += not loud
             wrong += 1
             continue
@@ -91,10 +93,11 @@ def false_alarms(name: str, first: int, count: int) -> None:
             codes["any wrong"] += 1
             print(f"    {name} {i}: {', '.join(c for c, g in loud.items() if g == 'wrong')}")
     shares = ", ".join(f"{code} {n}" for code, n in codes.most_common())
+    error = np.std(covered) / np.sqrt(len(covered))
     print(
-        f"{name}: {right} right fits, wrong said of {100 * codes['any wrong'] / max(right, 1):.1f}"
-        f" %, doubt or wrong of {100 * alarmed / max(right, 1):.1f} % ({shares or 'none'}); "
-        f"{wrong} fits off, {silent} of them in silence",
+        f"| {name} | {len(covered)} of {count} | {np.mean(covered):.3f} ± {error:.3f} | {wrong} | "
+        f"{silent} | {100 * codes['any wrong'] / max(right, 1):.1f} % | "
+        f"{100 * alarmed / max(right, 1):.1f} % | {shares}",
         flush=True,
     )
 
@@ -124,6 +127,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=1000)
     parser.add_argument("--only", default=",".join((*STRATA, "people")))
     given = parser.parse_args()
+    print("| recordings | usable fits | coverage | off | silent | wrong | doubted | codes")
     for name in given.only.split(","):
         if name == "people":
             of_people(Path(os.environ["PILOTID_MEASURED"]))
