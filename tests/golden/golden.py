@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy
+from threadpoolctl import threadpool_info
 
 import pilotid
 from pilotid import SCENARIOS, Scenario
@@ -60,18 +61,15 @@ def drawn(kind: str, recording: int) -> Scenario:
 
 
 def machine() -> str:
-    """What decides how a sum is rounded."""
+    """What decides how a sum is rounded: the processor, and what linear algebra takes it for."""
     lines = Path("/proc/cpuinfo").read_text().splitlines() if platform.system() == "Linux" else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    kernels = sorted({str(b.get("architecture")) for b in _libraries()})
-    parts = (names[0] if names else platform.processor(), *kernels, np.__version__)
-    return " ".join((*parts, scipy.__version__, platform.python_version()))
-
-
-def _libraries() -> list[dict[str, object]]:
-    from threadpoolctl import threadpool_info
-
-    return threadpool_info()
+    facts = {line.partition(":")[0].strip(): line.partition(":")[2].strip() for line in lines}
+    known = [
+        facts[key] for key in ("model name", "cpu family", "model", "stepping") if key in facts
+    ]
+    kernels = {str(b.get("architecture")) for b in threadpool_info() if b["user_api"] == "blas"}
+    parts = (*(known or [platform.processor()]), *sorted(kernels))
+    return " ".join((*parts, np.__version__, scipy.__version__, platform.python_version()))
 
 
 def fits(kind: str, recordings: Iterable[int] = range(RECORDINGS)) -> Iterator[dict[str, str]]:
