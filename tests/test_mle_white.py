@@ -14,6 +14,7 @@ from helpers import (
     fit_of,
     leading_recording,
     monte_carlo,
+    recording_of,
     without_remnant,
 )
 from scipy.signal import lsim
@@ -22,6 +23,7 @@ from scipy.stats import binom
 from pilotid.datasets import SCENARIOS, scenario_named, simulate
 from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.method import identify
+from pilotid.likelihood.estimates import make_estimate
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3, Hold, _Output, pulse_response
 from pilotid.model.catalogue import MODELS, MULTI
@@ -179,6 +181,13 @@ def test_an_estimator_without_bounds_says_where_no_pilot_is() -> None:
     found = estimate["tdvis"].value
     assert found == pytest.approx(free["tdvis"].value, rel=0.05)
     assert codes_of(estimate.remarks) == ["outside-range", "residual-not-white"]
+
+
+def test_intervals_end_at_the_bounds() -> None:
+    recording, model = recording_of(NOMINAL), NOMINAL.model
+    wide = make_estimate("x", recording, model, NOMINAL.values, np.eye(7) * 1e12, converged=True)
+    np.testing.assert_array_equal(wide.intervals, np.stack([model.lower, model.upper], axis=1))
+    assert not wide.determined.any()
 
 
 @pytest.mark.parametrize("name", ["mle-white", "mle-genetic", "mmle3", "bayes-white"])

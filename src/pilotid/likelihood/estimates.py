@@ -84,7 +84,8 @@ def make_estimate(
 ) -> Estimate:
     """The estimate with outcome, symmetric intervals and VAF.
 
-    A method that has better intervals, or more to tell, replaces them.
+    Intervals end at the model's bounds, or at the value of a method that knows no bounds.  A method
+    that has better intervals, or more to tell, replaces them.
 
     Parameters
     ----------
@@ -104,13 +105,14 @@ def make_estimate(
     """
     end = values if optimum is None else optimum
     outcome, message = outcome_of(model, end, converged)
+    ends = np.minimum(model.lower, values), np.maximum(model.upper, values)
     return Estimate(
         method,
         model,
         outcome,
         values=values,
         covariance=covariance,
-        intervals=symmetric_intervals(values, covariance),
+        intervals=np.clip(symmetric_intervals(values, covariance), *(e[:, None] for e in ends)),
         vaf=simulated_vaf(recording, model, values, prediction),
         message=message,
     )
