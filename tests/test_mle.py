@@ -20,7 +20,7 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.element import element_named
-from pilotid.solve.intervals import covariance_at_bounds, profile_intervals
+from pilotid.solve.intervals import covariance_at_bounds, find_profile_end, profile_intervals
 from pilotid.solve.least_squares import Box, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, Z95
 from pilotid.support.types import FloatArray
@@ -140,6 +140,28 @@ def test_profile_intervals_beside_a_parameter_at_its_bound() -> None:
     length = np.diff(found, axis=1)[:, 0]
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), length / (2.0 * Z95))
     assert covariance[0, 1] == 0.0
+
+
+def test_an_end_is_found_although_the_search_begins_in_another_valley() -> None:
+    """Of one parameter the deviance is x^2, of the other it has minima at 0 and, by 9 higher, 4."""
+
+    def gram(sets: FloatArray) -> FloatArray:
+        x, y = sets.T
+        bend = np.where(y < 2.0, y, 4.0 - y)
+        rows = np.zeros((len(sets), 3, 3))
+        rows[:, 0, 0], rows[:, 1, 1] = -1.0, np.where(y < 2.0, -1.0, 1.0)
+        rows[:, 2] = np.stack([x, bend, np.where(y < 2.0, 0.0, 3.0)], axis=1)
+        return np.asarray(rows @ rows.transpose(0, 2, 1))
+
+    origin = np.zeros(2)
+    for beside in (0.0, 4.0):
+        near = np.array([1.5, beside])
+        point, cost = find_profile_end(
+            gram, plane(-10.0, 10.0), origin, 0.0, 0.0, CHI_SQUARED_95, 0, near
+        )
+        assert point[0] == pytest.approx(np.sqrt(CHI_SQUARED_95), rel=0.04)
+        assert point[1] == pytest.approx(0.0, abs=1e-6)
+        assert cost <= CHI_SQUARED_95
 
 
 def test_profile_intervals_end_where_the_profile_likelihood_does() -> None:
