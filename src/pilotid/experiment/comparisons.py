@@ -13,7 +13,7 @@ import numpy as np
 from pilotid.experiment.files import CONDITION, SUBJECT, in_order
 from pilotid.experiment.results import KINDS, LEFT_OUT, LOOP, MEASURED, PARAMETER, Group, Results
 from pilotid.support.numbers import LEVEL
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -36,20 +36,7 @@ QUANTITY = ["method", "parameter"]
 
 
 def compared(results: Results) -> Results:
-    """The results with contrasts and effects of factors.
-
-    Raises
-    ------
-    InputError
-        If a pair is not of two conditions that there are.
-    """
-    there = in_order([part.condition for part in results.parts if part.condition])
-    for a, b in results.settings.pairs:
-        if a == b or not {a, b} <= {*there}:
-            raise InputError(
-                f"--contrast {a}:{b}: must be two conditions of {{condition}} in the pattern, of "
-                f"which there are {', '.join(there) or 'none'}"
-            )
+    """The results with contrasts and effects of factors, where subjects and conditions are told."""
     if not {SUBJECT, CONDITION} <= {*results.fields}:
         return results
     return replace(results, contrasts=contrasts(results), factors=effects(results))

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pilotid.estimate.method import Method
 from pilotid.experiment.comparisons import compared
-from pilotid.experiment.files import QUANTITY_COLUMNS, excluded_of, parts_of, with_factors
+from pilotid.experiment.files import (
+    QUANTITY_COLUMNS,
+    excluded_of,
+    in_order,
+    parts_of,
+    with_factors,
+)  # fmt: skip
 from pilotid.experiment.fits import fit_recordings
 from pilotid.experiment.report import blocks, tables_tex, write_report
 from pilotid.experiment.results import LOOP, Fitting, Results, Settings
@@ -195,7 +201,7 @@ def analyse(
         models={m.name: m for m in with_held(among.values(), fix)},
         named=[*named],
         auto=auto,
-        pairs=pairs_of(_several(contrasts)),
+        pairs=pairs_of(_several(contrasts), {part.condition for part in parts}),
         factors=levels,
         keep_all=keep_all,
         excluded=excluded,
@@ -213,12 +219,15 @@ def _several(given: Any) -> list[Any]:
     return [given] if isinstance(given, str) else [*given]
 
 
-def pairs_of(texts: Sequence[str]) -> list[tuple[str, str]]:
-    """The conditions in texts such as ``C3:C6``."""
+def pairs_of(texts: Sequence[str], conditions: Collection[str]) -> list[tuple[str, str]]:
+    """The pairs of conditions in texts such as ``C3:C6,C2:C5``."""
     pairs = []
-    for text in (part for given in texts for part in given.split(",")):
-        first, colon, second = (part.strip() for part in text.partition(":"))
-        if not (colon and first and second):
-            raise InputError(f"--contrast {text}: must be two conditions, as in C3:C6")
+    for text in ",".join(texts).split(",") if texts else ():
+        first, _, second = (part.strip() for part in text.partition(":"))
+        if first == second or not {first, second} <= {*filter(None, conditions)}:
+            raise InputError(
+                f"--contrast {text}: must be two conditions of {{condition}} in the pattern, as in "
+                f"C3:C6; there are {', '.join(in_order(filter(None, conditions))) or 'none'}"
+            )
         pairs.append((first, second))
     return pairs

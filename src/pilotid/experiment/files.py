@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING
 from pilotid.recording.files import Reading
 from pilotid.recording.recording import Recording
 from pilotid.recording.windows import file_of, sidecar_path, stem_of
+from pilotid.support.naming import digest_of
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
@@ -53,10 +53,10 @@ def fields_of(path: Path, pattern: str) -> dict[str, str] | None:
         If the pattern has no field, one without a name or named as a column, or one name twice.
     """
     words = FIELD.split(pattern)
-    names = words[1::2]
+    names, between = words[1::2], "".join(words[::2])
     taken = {"file", *QUANTITY_COLUMNS} - {RUN}
-    good = all(n not in taken and re.fullmatch(r"[A-Za-z]\w{0,30}", n, re.ASCII) for n in names)
-    if not (names and good and len({*names}) == len(names)) or {*"{}"} & {*"".join(words[::2])}:
+    good = len({*names} - taken) == len(names) > 0 and all(map(str.isidentifier, names))
+    if not good or "{" in between or "}" in between:
         raise InputError(
             f"--pattern '{pattern}': must have fields in braces, each with a name of its own, of "
             f"letters and no column of estimates.csv; write for example 'subj{{subject}}_"
@@ -131,8 +131,7 @@ class Part:
     def digest(self) -> str:
         """A digest of the files and of the notes beside them."""
         paths = [path for file in map(file_of, self.files) for path in (file, sidecar_path(file))]
-        contents = (path.read_bytes() for path in paths if path.is_file())
-        return hashlib.sha256(b"".join(contents)).hexdigest()
+        return digest_of(path.read_bytes() for path in paths if path.is_file())
 
 
 def parts_of(files: Sequence[Path], pattern: str | None) -> tuple[list[Part], list[str]]:
@@ -218,6 +217,8 @@ def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], D
     InputError
         If it is neither, or the conditions are no full crossing.
     """
+    from pandas import factorize
+
     if text is None:
         return [*parts], None
     names = [name.strip() for name in text.split(",")]
@@ -226,23 +227,16 @@ def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], D
     else:
         levels = _in_text(text)
     there = in_order(part.condition for part in parts)
-    for condition in levels.index.difference(there):
-        raise InputError(
-            f"--factors: no file has the condition {condition}; the conditions are "
-            f"{', '.join(filter(None, there)) or 'none'}"
-        )
-    counts = levels.nunique()
-    whole = levels.notna().all(axis=None) and not levels.duplicated().any()
+    counts, unknown = levels.nunique(), [*levels.index.difference(there)]
+    whole = levels.notna().all(axis=None) and not (levels.duplicated().any() or unknown)
     if not whole or (counts < 2).any() or len(levels) < prod(counts):
         raise InputError(
             "--factors: a factor must have two levels or more, and each combination of levels "
-            "must be that of one condition; add a factor, or name all conditions"
+            "must be that of one condition; add a factor, or name all conditions of the files "
+            f"({', '.join(filter(None, there)) or 'none'}), and no other {unknown or ''}"
         )
     # Every cell of the crossing in its place: levels of the first factor change last.
-    places = {
-        level: place for place, level in enumerate(dict.fromkeys(levels.to_numpy().T.ravel()))
-    }
-    return [*parts], levels.sort_values([*levels], key=lambda column: column.map(places))
+    return [*parts], levels.sort_values([*levels], key=lambda column: factorize(column)[0])
 
 
 def _by_fields(parts: Sequence[Part], names: Sequence[str]) -> tuple[list[Part], DataFrame]:

@@ -8,7 +8,6 @@ runs it is what stands above the bins beside the line.  All the rest is remnant.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -50,7 +49,7 @@ from pilotid.recording.spectra import known_lines
 from pilotid.recording.windows import of_runs, span_of
 from pilotid.support.format import with_bar
 from pilotid.support.jobs import Loss, own_digest, run_tasks
-from pilotid.support.naming import code_digest, packed, to_jsonable, unpacked
+from pilotid.support.naming import code_digest, digest_of, packed, to_jsonable, unpacked
 from pilotid.support.numbers import LEVEL, fit_rng
 from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.store import Rows
@@ -395,7 +394,7 @@ def _task(function: Callable[..., Content], part: Part, *code: object) -> Task:
     """A task with its key; models, methods and the element may be of the user's own code."""
     name = function.__name__
     content = (own_digest(), part.digest(), part, name, to_jsonable(code), code_digest(code))
-    key = hashlib.sha256(repr(content).encode("utf-8", "replace")).hexdigest()
+    key = digest_of([repr(content).encode("utf-8", "replace")])
     return Task(key, function, part, packed(code))
 
 
