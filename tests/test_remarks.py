@@ -104,7 +104,9 @@ def test_a_damping_that_people_do_not_have() -> None:
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, dnm=0.06), "dnm", 0.03, 0.1))
     assert (remark.code, remark.grade) == ("outside-range", "doubt")
     assert remarks_on(with_interval(estimate_of(SINGLE, dnm=0.11), "dnm", 0.06, 0.2)) == ()
-    # What is not determined may have any value.
+    # What is not determined may have any value, but for the least that is allowed.
+    (remark, _) = remarks_on(with_interval(estimate_of(SINGLE, dnm=0.02), "dnm", 0.02, 1.0))
+    assert (remark.code, remark.grade) == ("outside-range", "doubt")
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, dnm=0.06), "dnm", 0.03, 1.0))
     assert remark.code == "not-determined"
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pilotid.checks.checks import motionless
-from pilotid.estimate.estimate import Estimate, Outcome, at_bounds
+from pilotid.estimate.estimate import Estimate, Outcome, at_bounds, is_at_bound
 from pilotid.estimate.quantities import spans_decade
 from pilotid.model.catalogue import fault_of
 from pilotid.model.channel import STEEP
@@ -304,8 +304,9 @@ def _unlike_people(estimate: Estimate) -> Iterator[Remark]:
     model = estimate.model
     factors = {factor for channel in model.channels for factor in channel.dynamics}
     for key in {f.damping_key for f in factors if isinstance(f, Neuromuscular)} & {*model.keys}:
-        value = float(estimate.values[model.index[key]])
-        if value < ESTIMATE.least_damping and estimate.determined[model.index[key]]:
+        place = model.index[key]
+        value, at_bound = float(estimate.values[place]), is_at_bound(model, estimate.values)[place]
+        if value < ESTIMATE.least_damping and (at_bound or estimate.determined[place]):
             yield Remark(
                 "outside-range",
                 f"{key} is {value:.3g}, but neuromuscular systems of people are not damped by less "

@@ -54,6 +54,8 @@ def profile_likelihood(optimum: Optimum) -> tuple[Optimum, Profile | None]:
         moved = optimum.restarted_at(profile.better)
         if optimum.is_pilot and not moved.is_pilot:
             break
+        if not moved.is_near(optimum.pilot):
+            moved = replace(moved, others=[*moved.others, (optimum.pilot, optimum.criterion)])
         if (there := profile_about(moved)) is None:
             break  # singular: its errors would be those of a likelihood that is a ridge
         optimum, profile = moved, there
@@ -99,8 +101,8 @@ def profile_about(optimum: Optimum) -> Profile | None:
         return None
     remnant = optimum.values[joint.pilot_count :]
     others = [off_bounds(optimum)]
-    if len(optimum.competing):
-        starts = np.array([np.concatenate([pilot, remnant]) for pilot in optimum.competing])
+    if optimum.others:  # beside another remnant than they were found with
+        starts = np.array([np.concatenate([pilot, remnant]) for pilot, _ in optimum.others])
         others.insert(0, _ends(optimum, starts, joint))
     return profile_intervals(
         optimum.search_problem.gram,

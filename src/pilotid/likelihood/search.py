@@ -130,15 +130,16 @@ def maximise_likelihood(
     # The lines' pilot rests on no model of the remnant.
     pilots = [*candidates, *lines]
     choices = [RemnantChoice(prediction, pilot, settings.noise, check) for pilot in pilots]
-    fits = [choice.full_fit() for choice in _likely(choices)]
-    best, others = _best_and_others(fits)
+    best, others = _best_and_others([choice.full_fit() for choice in _likely(choices)])
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
     for _ in range(4):
         before, terms = terms, whole.noticeable_terms(best.pilot, best.whitener)
         if len(terms) == len(before) and np.allclose(terms, before, rtol=0.1):
             break
         prediction = replace(whole, nuisance_poles=terms)
-        best = RemnantChoice(prediction, best.pilot, settings.noise, check).full_fit().refined()
+        pilots = [best.pilot, *(pilot for pilot, _ in others)]
+        choices = [RemnantChoice(prediction, pilot, settings.noise, check) for pilot in pilots]
+        best, others = _best_and_others([choice.full_fit() for choice in choices])
     best = _with_change_elsewhere(best)
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
