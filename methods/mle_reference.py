@@ -88,7 +88,8 @@ class MLEReference(LikelihoodSettings):
         if not is_stable(model, values[0], element):
             why = f"the loop of the pilot and {element.name} is unstable: there are no instruments"
             return failed(self.name, model, Outcome.NOT_APPLICABLE, why)
-        moments = Moments(optimum, references(recording, model, values[0], element), values[0])
+        reference = references(recording, model, values[0], element)
+        moments = Moments(optimum, recording, reference, values[0])
         # The weights of the moments do not move their root, but they say how well it is known.
         values = minimise(moments.gram, values, model).values
         moments.weigh_at(values[0])

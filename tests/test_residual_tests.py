@@ -132,12 +132,13 @@ def estimate() -> Estimate:
 def test_prediction_errors_are_those_of_the_likelihood() -> None:
     errors = found().joint.rows(found().end.values[:1])[0, -1]
     own = prediction_errors(RECORDING, estimate())
-    assert own.errors.shape == errors.shape
+    # The search leaves out a few of the last samples, whose length makes transforms slow.
+    same = own.errors[:, : errors.shape[1]]
+    assert own.errors.shape[1] - errors.shape[1] < 0.01 * errors.shape[1]
     assert own.dt == pytest.approx(found().joint.prediction.dt)
     # Nuisance terms that the fit left out are projected out here: that is all the difference.
-    left = own.errors - errors
-    assert np.std(left) < 0.05 * np.std(errors)
-    assert np.corrcoef(own.errors.ravel(), errors.ravel())[0, 1] > 0.999
+    assert np.std(same - errors) < 0.05 * np.std(errors)
+    assert np.corrcoef(same.ravel(), errors.ravel())[0, 1] > 0.999
 
 
 def test_without_a_model_of_the_remnant_one_is_chosen_that_whitens() -> None:

@@ -85,18 +85,27 @@ class Moments(Problem):
     ----------
     optimum
         The optimum of the likelihood: band, weights and whitening filter.
-    reference
-        The recording whose Jacobian the instruments are.
+    recording, reference
+        What was fitted, and the recording whose Jacobian the instruments are.
     values
         Parameters at which the prediction errors tell their power, shape (parameters,).
     """
 
-    def __init__(self, optimum: Optimum, reference: Recording, values: FloatArray) -> None:
-        self._prediction = prediction = optimum.joint.prediction
+    def __init__(
+        self, optimum: Optimum, recording: Recording, reference: Recording, values: FloatArray
+    ) -> None:
+        fitted = optimum.joint.prediction
+        # In whole periods what a forcing function leaves at its own lines is zero.
+        self._prediction, other = (
+            replace(
+                predict(whole, fitted.model, fitted.band.limit),
+                nuisance_poles=fitted.nuisance_poles,
+                weighting=fitted.weighting,
+            )
+            for whole in (recording, reference)
+        )
         self._taps, whitener = optimum.whitener, Whitener(optimum.whitener)
-        self._whitened = Likelihood(replace(prediction, nuisance_poles=()), whitener)
-        other = predict(reference, prediction.model, prediction.band.limit)
-        other = replace(other, nuisance_poles=prediction.nuisance_poles)
+        self._whitened = Likelihood(replace(self._prediction, nuisance_poles=()), whitener)
         self._instruments = self._weighed(Likelihood(other, whitener).rows(optimum.pilot[None]))[
             0, :-1
         ]
@@ -153,7 +162,8 @@ def specification_by_instruments(
     if element is None or not is_stable(model, values, element):
         return None
     try:
-        moments = Moments(optimum, references(recording, model, values, element), values)
+        reference = references(recording, model, values, element)
+        moments = Moments(optimum, recording, reference, values)
     except np.linalg.LinAlgError:  # a parameter that no forcing function excites
         return None
     rows = moments.rows(values[None])[0]

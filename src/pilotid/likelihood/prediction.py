@@ -643,7 +643,9 @@ class Prediction:
         return signal[..., self.first : self.first + self.scored]
 
 
-def predict(recording: Recording, model: PilotModel, band: float | None = None) -> Prediction:
+def predict(
+    recording: Recording, model: PilotModel, band: float | None = None, *, fast: bool = False
+) -> Prediction:
     """Prepare the prediction of a recording's control in an analysis band [rad/s].
 
     Parameters
@@ -654,8 +656,10 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         The pilot model.
     band
         What lies above this frequency [rad/s] is not used; None for the full sampling rate.
+    fast
+        Whether the window may end a little earlier, see `Prepared`; else it has whole periods.
     """
-    prepared = Prepared(recording, model, band)
+    prepared = Prepared(recording, model, band, fast=fast)
     extension = min(round(EXTENSION / prepared.dt), prepared.control.shape[1] - 1)
     length = fast_length(prepared.control.shape[1] + 2 * extension)
 

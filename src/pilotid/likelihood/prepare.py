@@ -90,14 +90,14 @@ def fast_length(samples: int) -> int:
 
     scipy has the same as ``next_fast_len``, but takes longer to import than a fit takes.
     """
+    return next(n for n in count(max(samples, 1)) if _is_product(n, (2, 3, 5)))
 
-    def is_fast(length: int) -> bool:
-        for prime in (2, 3, 5):
-            while length % prime == 0:
-                length //= prime
-        return length == 1
 
-    return next(filter(is_fast, count(max(samples, 1))))
+def _is_product(number: int, primes: tuple[int, ...]) -> bool:
+    for prime in primes:
+        while number % prime == 0:
+            number //= prime
+    return number == 1
 
 
 MIN_SCORED = 3.0  # seconds that must remain to be scored
@@ -124,6 +124,9 @@ class Prepared:
     unscored
         Least length of the pre-history [s]; a run-in counts towards it.  None for that which the
         recording names (`Recording.lead_in`).
+    fast
+        Whether less than a hundredth of the window is left out, so that transforms of it are fast:
+        large prime factors make them slow.
     """
 
     def __init__(
@@ -132,6 +135,8 @@ class Prepared:
         model: PilotModel,
         band: float | None = None,
         unscored: float | None = None,
+        *,
+        fast: bool = False,
     ) -> None:
         factor = decimation(recording.dt, band)
         half = half_width(max(c.derivative for c in model.channels), factor)
@@ -147,10 +152,8 @@ class Prepared:
                 "use a longer recording or a wider band"
             )
         scored = (total - 1 - half - first_scored - unseen) // factor + 1
-        # Large prime factors make transforms of a long window slow: of 40 minutes and more up to a
-        # hundredth is left out.
-        if band is not None and scored > 40_000:
-            scored = next(n for n in range(scored, 0, -1) if fast_length(n) == n)
+        if fast and band is not None:
+            scored = next(n for n in range(scored, 0, -1) if _is_product(n, (2, 3, 5, 7, 11)))
         #: Sampling interval after decimation [s].
         self.dt = recording.dt * factor
         #: Index of the first scored sample, and how many there are.

@@ -208,7 +208,7 @@ def first_fit(
     """
     pilots = known if is_sound(model, known) else None
     for rate in _rates(recording, settings):
-        prediction = predict(recording, model, rate)
+        prediction = predict(recording, model, rate, fast=True)
         if settings.loop:
             control, dt = prediction.control, prediction.dt
             weighting = weighting_of(recording, model, control, dt, settings.weighed)
