@@ -111,7 +111,7 @@ def analysis(measured: str, out: Path) -> list[dict[str, str]]:
     name = "ae2224I_measurement_data_subj{}_{}.mat"
     files = [str(Path(measured, "yaw", name.format(s, c))) for s in (1, 3) for c in ("C2", "C5")]
     pattern = ("--pattern", "ae2224I_measurement_data_subj{subject}_{condition}")
-    fitted = ("--model", "lead-lag", "--method", "mle", "--method", "fourier")
+    fitted = ("--model", "single", "--method", "mle", "--method", "fourier")
     command("analyse", *files, *pattern, *fitted, out=out)
     left_out = ("file", "remarks")
     rows = rows_of(out / "estimates.csv")
