@@ -27,7 +27,7 @@ LARGEST_IF_FLAT = 1e-6 if HERE else 2e-2
 #: Relative, where a table has no errors to measure by; and of what profiles give.
 RELATIVE, RELATIVE_OF_ERRORS = (1e-9, 1e-9) if HERE else (1e-3, 2e-2)
 ERRORS = ("std_error", "lower_95", "upper_95", "loss", "loss_lower", "loss_upper")
-#: In claimed errors: elsewhere a search for an end of an interval comes as near to it on other steps.
+#: In claimed errors: elsewhere a search for an end comes as near to it by other steps.
 LARGEST_SHIFT_OF_ENDS = LARGEST_SHIFT if HERE else 0.1
 
 

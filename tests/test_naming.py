@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import linecache
+import pickle
+import subprocess
 import sys
 import types
 from dataclasses import dataclass, field
@@ -29,7 +31,6 @@ from pilotid.support.naming import (
     split_call,
     split_list,
     to_jsonable,
-    unpacked,
     with_settings,
 )
 from pilotid.support.types import InputError
@@ -292,11 +293,30 @@ def test_code_that_was_typed_in_is_told_by_its_source(monkeypatch: pytest.Monkey
     one, other = (f"class Mine:\n    def fit(self):\n        return {n}\n" for n in (1, 2))
     digests = [code_digest(typed(text, f"<cell {n}>")) for n, text in enumerate((one, one, other))]
     assert digests[0] == digests[1] != digests[2]
-    assert unpacked(packed(typed(one, "<cell 3>"))).fit() == 1
+    assert pickle.loads(packed(typed(one, "<cell 3>"))).fit() == 1
     thing = typed(one, "<stdin>")
     del linecache.cache["<stdin>"]
     with pytest.raises(InputError, match="write it to a file"):
         code_digest(thing)
+
+
+def test_code_of_a_file_goes_along_to_other_processes(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "from __future__ import annotations\n"
+        "from dataclasses import dataclass, field, replace\n"
+        "import numpy as np\n"
+        "STEP = 3\n"
+        "def stepped(n):\n    return n + STEP\n"
+        "@dataclass(frozen=True)\nclass Mine:\n"
+        "    n: int = 1\n    also: tuple[int, ...] = field(default=(2,))\n"
+        "    def fit(self):\n"
+        "        return stepped(replace(self, n=self.n + 1).n) + np.sum(self.also)\n"
+    )
+    thing = load_object(f"{tmp_path / 'mine.py'}:Mine(n=5)")
+    program = "import pickle, sys; print(pickle.load(sys.stdin.buffer).fit())"
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, input=packed(thing), capture_output=True, check=True)
+    assert int(done.stdout) == thing.fit() == 11
 
 
 def test_a_method_cannot_pass_for_another(tmp_path: Path) -> None:
