@@ -193,31 +193,42 @@ def test_no_unit_is_too_large_or_too_small(control: float, output: float) -> Non
 def test_numbers_are_rounded_to_their_errors_and_move_together() -> None:
     values = np.array([67.8734, 5.4291, -0.004])
     covariance = np.array([[0.01, 0.0009, 0.0], [0.0009, 0.0001, 0.0], [0.0, 0.0, 1e-8]])
-    new, digits = rounded(values, covariance)
-    assert digits[2] == 0
+    new = rounded(values, covariance)
     assert new[2] == 0.0  # an offset between channels, which moves nothing
     assert new[1] == 5.43
     # K follows a: 67.8734 + .0009/.0001 (5.43 - 5.4291) = 67.8815, known to .044 then.
     assert new[0] == pytest.approx(67.9)
-    large, digits = rounded(np.array([2973.0, 0.0]), np.diag([86.0**2, 1e-8]))
-    assert (large[0], digits[0]) == (3000.0, -3)
+    assert rounded(np.array([2973.0, 0.0]), np.diag([86.0**2, 1e-8])).tolist() == [3000.0, 0.0]
 
 
 @pytest.mark.parametrize("form", FORMS, ids=repr)
 def test_the_response_of_a_form_is_that_of_its_element_and_of_its_name(form: Form) -> None:
-    values = np.random.default_rng(3).uniform(1.0, 4.0, len(form.keys))
-    element = form.element(values, (6,) * len(values))
-    np.testing.assert_allclose(form.response(values, WIDE), element.response(WIDE), rtol=1e-4)
-    read = element_named(element.name)
-    assert read.delay == element.delay
-    np.testing.assert_allclose(read.response(WIDE), element.response(WIDE), rtol=1e-12)
+    values = np.random.default_rng(3).uniform(1.0, 4.0, form.size).round(6)
+    element = element_named(form.name(values))
+    assert element.delay == values[-1]
+    np.testing.assert_allclose(form.response(values, WIDE), element.response(WIDE), rtol=1e-12)
     # A gain alone that is uncertain makes the response as uncertain.
     covariance = np.zeros((len(values), len(values)))
     covariance[0, 0] = (0.01 * values[0]) ** 2
-    np.testing.assert_allclose(form.response_error(values, covariance, WIDE), 0.01, rtol=1e-5)
+    np.testing.assert_allclose(form.response_error(values, covariance, OMEGA), 0.01, rtol=1e-5)
     covariance[-1, -1] = 0.02**2  # a delay turns by omega times its error
-    expected = np.hypot(0.01, 0.02 * WIDE)
-    np.testing.assert_allclose(form.response_error(values, covariance, WIDE), expected, rtol=1e-5)
+    expected = np.hypot(0.01, 0.02 * OMEGA)
+    np.testing.assert_allclose(form.response_error(values, covariance, OMEGA), expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("form", "values", "name"),
+    [
+        (Form(0), (4.0, 0.0), "4"),
+        (Form(2), (0.00012, 0.05), "0.00012exp(-0.05s)/s^2"),
+        (Form(0, 2), (64.0, 11.0, -64.0, 0.0), "64/(s^2+11s-64)"),
+        (Form(1, 1, zero=True), (-3e-12, -2.0, 5.4, 0.0), "-3e-12(s-2)/(s(s+5.4))"),
+        (Form(0, 0, lags=True), (3000.0, 30.0, 0.0), "3000/((1+s/30)^2)"),
+        (Form(1, 0, lags=True), (4.0, 29.8, 0.0), "4/(s(1+s/29.8)^2)"),
+    ],
+)
+def test_the_name_of_a_form_is_short(form: Form, values: tuple[float, ...], name: str) -> None:
+    assert form.name(np.array(values)) == name
 
 
 # ------------------------------------------------------------------ against the one given

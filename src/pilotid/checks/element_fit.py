@@ -15,18 +15,15 @@ import numpy as np
 
 from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import findings
-from pilotid.checks.element_forms import FormFit, fits_of, simplest, spectra_in_window
-from pilotid.model.element import ControlledElement, as_element, parsed_element
+from pilotid.checks.element_forms import FormFit, drive_of, fits_of, simplest, spectra_in_window
+from pilotid.model.element import ControlledElement, as_element, element_named, parsed_element
 from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
-from pilotid.support.remarks import Remark, remark_of
+from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray
 
 #: Where loops cross over [rad/s].
 OMEGA = np.geomspace(0.5, 6.0, 40)
-ADVICE = (
-    "it may change within a run, a disturbance may be missing, or a name or a sign may be wrong"
-)
 #: Origins of an element, and their words.
 GIVEN, FILE, SIGNALS = "given", "recording", "identified"
 ORIGINS = {
@@ -67,18 +64,15 @@ class IdentifiedElement:
 @remembered
 def identified_element(recording: Recording) -> IdentifiedElement:
     """The controlled element of a recording, by its signals alone."""
-    part = slice(recording.run_in, None)
-    control, output = recording.u[:, part], recording.x[:, part]
-    given = control if recording.fd is None else control + recording.fd[:, part]
-    for name, signal in (("x", output), ("u + fd", given)):
-        if not np.ptp(signal, axis=1).any():
+    for name, signal in (("x", recording.x), ("u + fd", drive_of(recording))):
+        if not np.ptp(recording.window(signal), axis=1).any():
             return IdentifiedElement(None, remark=f"{name} does not move")
     fits = fits_of(recording)
     if not fits:
         return IdentifiedElement(None, remark="no form of element suits control and output")
     chosen = simplest([fit for fit in fits if _is_steerable(fit)] or fits)
     error = float(chosen.form.response_error(chosen.values, chosen.covariance, OMEGA).max())
-    element = chosen.form.element(*rounded(chosen.values, chosen.covariance))
+    element = element_named(chosen.form.name(rounded(chosen.values, chosen.covariance)))
     remark = _remark(element, chosen.explained, error)
     return IdentifiedElement(element, chosen.explained, error, remark)
 
@@ -98,50 +92,39 @@ def _is_steerable(fit: FormFit) -> bool:
     return bool(np.all(z + p <= ELEMENT.sensitivity * np.abs(z - p)))
 
 
-def rounded(values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, tuple[int, ...]]:
-    """Numbers with no more digits than their errors allow.
+def rounded(values: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Numbers with no more digits than their errors allow; the last, the delay, is not negative.
 
     One after the other, from the last on, is rounded as far as its standard error goes; those
     before it move along as their correlation asks, so that the whole stays as likely.
-
-    Returns
-    -------
-    The values, of which the last, the delay, is not negative, and the decimals of each.
     """
     new, left = values.copy(), covariance.copy()
-    digits = [0] * len(new)
     for i in reversed(range(len(new))):
-        error = float(np.sqrt(max(left[i, i], 0.0)))
-        value = float(new[i])
-        delay = i == len(new) - 1
-        if delay and value <= error:
-            goal, digits[i] = 0.0, 0
-        else:
-            goal, digits[i] = _short(value, error)
+        value, error = float(new[i]), math.sqrt(max(left[i, i], 1e-300))
+        goal = _short(value, error)
+        if i == len(new) - 1 and value <= error:
+            goal = 0.0
         # The offset between channels is no part of the element, and stays where it is.
-        if left[i, i] > 0.0 and not (delay and value < 0.0):
-            new[:i] += left[:i, i] / left[i, i] * (goal - value)
-        if left[i, i] > 0.0:
-            left[:i, :i] -= np.outer(left[:i, i], left[:i, i]) / left[i, i]
+        offset = i == len(new) - 1 and value < 0.0
+        slope = left[:i, i] / error**2
+        new[:i] += 0.0 if offset else slope * (goal - value)
+        left[:i, :i] -= np.outer(slope, left[:i, i])
         new[i] = goal
-    return new, tuple(digits)
+    return new
 
 
-def _short(value: float, error: float) -> tuple[float, int]:
-    """The shortest number within an error, and its decimals (negative before the point)."""
-    first = -math.floor(math.log10(abs(value))) if value else 0
-    for decimals in range(first, first + 8):
-        goal = round(value, decimals)
-        if goal and abs(goal - value) <= error:
-            return goal, decimals
-    return round(value, first + 7), first + 7
+def _short(value: float, error: float) -> float:
+    """The shortest number within an error."""
+    every = (float(f"{value:.{digits}g}") for digits in range(1, 9))
+    return next((short for short in every if abs(short - value) <= error), value)
 
 
 def _remark(element: ControlledElement, explained: float, error: float) -> str:
     if explained < ELEMENT.sound:
         return (
             "control and output follow no one controlled element: the best of low order explains "
-            f"{explained:.0f} % of x; {ADVICE}"
+            f"{explained:.0f} % of x; it may change within a run, a disturbance may be missing, or "
+            "a name or a sign may be wrong"
         )
     if error > ELEMENT.known:
         return (
@@ -163,8 +146,6 @@ class ElementChoice:
 
     Attributes
     ----------
-    identified
-        What u, fd and x say.
     element
         None if none is known.
     origin
@@ -175,11 +156,10 @@ class ElementChoice:
         Where what is said of it and what signals show disagree, a sentence each.
     """
 
-    identified: IdentifiedElement
     element: ControlledElement | None = None
     origin: str = ""
     why: str = ""
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Remark, ...] = ()
 
     def named_in(self, recording: Recording) -> Recording:
         """The recording, naming the element that was given, for methods that need the loop."""
@@ -214,18 +194,18 @@ def chosen_element(
     fault = next((f for f in findings(recording) if f.grade != "note"), None)
     shifted = fault and fault.code == "late-signal" and abs(fault.size) > ELEMENT.late
     shown = identified.element if identified.sound and not shifted else None
-    compared = [
-        (given, shown, "given", "control and output of the recording follow"),
-        (named, shown, "that the file names", "control and output of the recording follow"),
-        (given, None if shown else named, "given", "the file names"),
-    ]
-    every = (differs(one, other, what, by) for one, other, what, by in compared if one and other)
-    sentences = tuple(remark for remark in every if remark)
+    signals = "control and output of the recording follow"
+    compared = (
+        (given, shown or named, "given", signals if shown else "the file names"),
+        (named, shown, "that the file names", signals),
+    )
+    every = [differs(one, other, what, by) for one, other, what, by in compared if one and other]
+    told = tuple(filter(None, every))
     for element, origin in ((given, GIVEN), (named, FILE), (shown, SIGNALS)):
         if element is not None:
-            return ElementChoice(identified, element, origin, remarks=sentences)
+            return ElementChoice(element, origin, remarks=told)
     why = fault.sentence if fault else f"{identified.remark}; name it, for example --element 4/s^2"
-    return ElementChoice(identified, why=f"no loops: {why}", remarks=sentences)
+    return ElementChoice(why=f"no loops: {why}", remarks=told)
 
 
 @remembered
@@ -245,7 +225,7 @@ def confirmed_element(recording: Recording) -> ControlledElement | None:
 def recording_remarks(recording: Recording) -> tuple[Remark, ...]:
     """What is wrong with a recording, and with the element that it names."""
     others = () if confirmed_element(recording) else chosen_element(recording).remarks
-    return (*remarks(recording), *map(remark_of, others))
+    return (*remarks(recording), *others)
 
 
 def differs(
@@ -286,5 +266,6 @@ def closing_element(recording: Recording) -> tuple[ControlledElement | None, flo
         return confirmed, 0.0
     choice = chosen_element(recording)
     if choice.origin == SIGNALS or choice.remarks:
-        return choice.identified.element, choice.identified.response_error
+        identified = identified_element(recording)
+        return identified.element, identified.response_error
     return choice.element, 0.0

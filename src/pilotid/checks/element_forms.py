@@ -6,20 +6,14 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import groupby
-from typing import TypeVar
 
 import numpy as np
 
-from pilotid.model.element import ControlledElement, element_named
+from pilotid.model.element import ControlledElement
 from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
 from pilotid.support.types import ComplexArray, FloatArray, IntArray
 
-T = TypeVar("T", FloatArray, ComplexArray)
-
-DIGITS = 9  # decimals, or zeros, that are written out
 DIFFERENCE = 1e-7  # relative step of the differences
 
 
@@ -45,18 +39,16 @@ class Form:
     zero: bool = False
 
     @property
-    def keys(self) -> list[str]:
-        """Names of the parameters, the delay last."""
-        free = [f"a{n}" for n in range(1, self.free + 1)]
-        return ["K", *["z"] * self.zero, *free, *["b"] * self.lags, "delay"]
+    def size(self) -> int:
+        """Number of its parameters: K, z, a1 and on, b and the delay, those that it has."""
+        return 2 + self.zero + self.free + self.lags
 
     def polynomials(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Numerator and denominator, highest power first."""
         begin = 1 + self.zero
         bottom = np.array([1.0, *values[begin : begin + self.free]])
         if self.lags:
-            b = values[-2]
-            bottom = np.convolve(bottom, [1.0 / b**2, 2.0 / b, 1.0])
+            bottom = np.convolve(bottom, [1.0 / values[-2] ** 2, 2.0 / values[-2], 1.0])
         top = values[0] * np.array([1.0, *values[1:begin]])
         return top, np.concatenate([bottom, np.zeros(self.integrators)])
 
@@ -72,58 +64,40 @@ class Form:
         response = self.response(values, omega)
         slopes = differences(lambda v: self.response(v, omega), values, response) / response
         power = np.einsum("in,ij,jn->n", slopes.conj(), covariance, slopes)
-        return np.asarray(np.sqrt(np.abs(power.real)))
+        return np.asarray(np.sqrt(np.abs(power)))
 
-    def element(self, values: FloatArray, digits: tuple[int, ...]) -> ControlledElement:
-        """The element with a name that `element_named` reads.
-
-        Parameters
-        ----------
-        values
-            The parameters, with a delay that is not negative.
-        digits
-            Decimals of each, negative for zeros before the point.
-        """
-        numbers = [_number(v, d) for v, d in zip(values.tolist(), digits, strict=True)]
-        return element_named(self._name(dict(zip(self.keys, numbers, strict=True))))
-
-    def _name(self, shown: dict[str, str]) -> str:
-        delay, powers = shown["delay"], [f"s^{n}" if n > 1 else "s" * n for n in range(6)]
-        top = shown["K"] + (f"(s{_signed(shown['z'])})" if self.zero else "")
-        top += f"exp(-{delay}s)" if float(delay) else ""
-        terms = [_signed(shown[f"a{n}"]) + powers[self.free - n] for n in range(1, self.free + 1)]
+    def name(self, values: FloatArray) -> str:
+        """Its text with numbers, which `element_named` reads; the delay is not negative."""
+        powers = ["", "s", "s^2", "s^3"]
+        gain, *signed, delay = (_number(v, i > 0) for i, v in enumerate(values.tolist()))
+        zero = f"(s{signed.pop(0)})" if self.zero else ""
+        terms = [f"{a}{powers[self.free - n]}" for n, a in enumerate(signed[: self.free], 1)]
         free = f"({powers[self.free]}{''.join(terms)})" if self.free else ""
-        lags = f"(1+s/{shown['b']})^2" if self.lags else ""
+        lags = f"(1+s/{signed[-1][1:]})^2" if self.lags else ""
         bottom = powers[self.integrators] + free + lags
-        alone = bottom in ("", powers[self.integrators], free)
-        return top + (bottom and f"/{bottom}" if alone else f"/({bottom})")
+        if lags or (self.integrators and free):
+            bottom = f"({bottom})"
+        late = f"exp(-{delay[1:]}s)" if values[-1] else ""
+        return f"{gain}{zero}{late}" + (bottom and f"/{bottom}")
 
 
-def differences(function: Callable[[FloatArray], T], values: FloatArray, there: T) -> T:
-    """Derivatives by each value, shape (values, n), of a function that is `there` (n,) at them."""
-    steps = DIFFERENCE * np.maximum(np.abs(values), 1e-2) * np.eye(len(values))
-    return np.array([(function(values + step) - there) / step.sum() for step in steps])
+def _number(value: float, sign: bool) -> str:
+    """A number, with an exponent where it would be long."""
+    if value and not 1e-9 < abs(value) < 1e10:
+        return f"{value:{'+' if sign else '-'}.6g}"
+    return np.format_float_positional(value, trim="-", sign=sign)
 
 
-def _number(value: float, decimals: int) -> str:
-    """A number with so many decimals, an exponent where it would be long."""
-    if not -DIGITS <= decimals <= DIGITS:
-        return f"{value:.6g}"
-    text = f"{round(value, decimals):.{max(decimals, 0)}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
-
-
-def _signed(number: str) -> str:
-    return number if number.startswith("-") else f"+{number}"
-
-
-#: From the simplest on.
-FORMS = (
-    *(Form(k, free) for k, free in ((0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1))),
-    *(Form(k, free) for k, free in ((0, 2), (1, 2), (0, 3))),
-    *(Form(k, free, lags=True) for k, free in ((0, 0), (1, 0), (2, 0), (0, 1), (0, 2))),
-    *(Form(k, free, zero=True) for k, free in ((1, 0), (2, 0), (0, 1), (1, 1))),
-    *(Form(k, free, zero=True) for k, free in ((0, 2), (1, 2), (0, 3))),
+#: From the fewest parameters on.
+FORMS = sorted(
+    (
+        *(Form(k, free) for k, free in ((0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1))),
+        *(Form(k, free) for k, free in ((0, 2), (1, 2), (0, 3))),
+        *(Form(k, free, lags=True) for k, free in ((0, 0), (1, 0), (2, 0), (0, 1), (0, 2))),
+        *(Form(k, free, zero=True) for k, free in ((1, 0), (2, 0), (0, 1), (1, 1))),
+        *(Form(k, free, zero=True) for k, free in ((0, 2), (1, 2), (0, 3))),
+    ),
+    key=lambda form: form.size,
 )
 
 
@@ -138,19 +112,19 @@ LAST_GAIN = 0.03  # of -2 log-likelihood that the last step gains
 LONGEST_DELAY = 0.6  # s, of a delay
 EARLIEST_DELAY = -0.15  # s: x may be stored that much ahead of u
 SHORT_DELAY = 0.05  # s, of a delay that a search from none may miss with a simpler form
-#: The window sin^4(pi t/T) as a sum of cosines cos(2 pi k t/T): its derivatives up to the third
-#: vanish at the ends, enough for equations of order 4.
-COSINES = (3.0 / 8.0, -1.0 / 2.0, 1.0 / 8.0)
-HIGHEST = 4  # derivative of the output
+USUAL_LAG = 10.0  # rad/s, from which the search of two equal lags starts
+#: The spectrum of the window sin^4(pi t/T), at multiples of 2 pi / T: its derivatives up to the
+#: third vanish at the ends, enough for equations of order 4.
+WINDOW = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 16.0
+HIGHEST = 4  # order of an equation
 HIGHEST_FREQUENCY = 25.0  # rad/s; pilots leave next to nothing above
-TAYLOR = 3  # order to which the window is expanded for a delay
 #: Of so many bins one is used: those between are nearly their sum.
 BIN_STEP = 2
 #: Independent observations per bin used: the window makes neighbours alike,
 #: (mean of w^2)^2 / mean of w^4 for each bin.
 INDEPENDENT = BIN_STEP * (35.0 / 128.0) ** 2 / (6435.0 / 32768.0)
 #: A constant offset reaches the bins below.
-FIRST_BIN = len(COSINES)
+FIRST_BIN = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +134,7 @@ class FormFit:
     Attributes
     ----------
     form, values
-        Parameters in the order of `Form.keys`.
+        Parameters in the order of `Form.size`.
     covariance
         Of the values.
     criterion
@@ -183,102 +157,70 @@ class FormFit:
 class Spectra:
     """Windowed spectra of an input v and an output x of unit size; runs and bins in one row.
 
+    As no end of a run shows in the window, the spectrum of a derivative in it is the sum of the
+    spectrum times powers of j omega over neighbouring bins, and a delay turns each of them.
+
     Attributes
     ----------
     gain
         Size of x over that of v, as recorded.
+    neighbours
+        Frequencies of the bins that are summed, less that of the bin [rad/s], shape (5,).
     omega
         Frequencies [rad/s], shape (n,).
+    given
+        Of the derivatives of v, as summands, shape (`HIGHEST` + 1, 5, n).
     output
         Of the derivatives of x, shape (`HIGHEST` + 1, n).
-    given
-        Of v(t - delay) and its derivative, by powers of the delay, but for the factor
-        e^{-s delay}; shape (2, `TAYLOR` + 1, n).
+    fine
+        The band of every observation, even in the logarithm of frequency, shape (n,).
+    wide
+        The same with enough observations in each to tell a level of noise.
+    size
+        Mean power of the output in each fine band.
+    count
+        Independent complex observations in each fine band.
     doubtful
         Share by which the response may be off in each fine band, however long the recording is.
     """
 
     gain: float
+    neighbours: FloatArray
     omega: FloatArray
-    output: ComplexArray
     given: ComplexArray
+    output: ComplexArray
+    fine: IntArray
+    wide: IntArray
+    size: FloatArray
+    count: FloatArray
     doubtful: FloatArray | float = 0.0
 
-    def delayed(self, count: int, delay: float) -> ComplexArray:
-        """Of the first derivatives of v(t - delay), from the zeroth on, shape (count, n)."""
-        powers = np.array([delay**p / math.factorial(p) for p in range(TAYLOR + 1)])
-        return np.asarray((powers @ self.given[:count]) * np.exp(-1j * self.omega * delay))
+    def answer(self, top: FloatArray, delay: float) -> ComplexArray:
+        """Of top(s) v(t - delay), highest power first, shape (n,)."""
+        turned = np.outer(top[::-1], np.exp(-1j * delay * self.neighbours))
+        answer = np.tensordot(turned, self.given[: len(top)], 2)
+        return np.asarray(answer * np.exp(-1j * delay * self.omega))
 
-    def residual(self, form: Form, values: FloatArray) -> ComplexArray:
-        """What a form leaves of the output, shape (n,)."""
-        return self._left(*form.polynomials(values), float(values[-1]))
-
-    def slopes(self, form: Form, values: FloatArray, residual: ComplexArray) -> ComplexArray:
-        """Derivatives of `residual` by each value, shape (values, n)."""
-
-        def coefficients(values: FloatArray) -> FloatArray:
-            return np.concatenate(form.polynomials(values))
-
-        (top, bottom), delay = form.polynomials(values), float(values[-1])
-        powers = (1j * self.omega) ** np.arange(len(bottom))[::-1, None]
-        answers, output = self.delayed(len(top), delay)[::-1], self.output[: len(bottom)][::-1]
-        by_coefficient = np.concatenate([-answers, output - powers * residual]) / (bottom @ powers)
-        slopes = differences(coefficients, values, coefficients(values)) @ by_coefficient
-        slopes[-1] = (self._left(top, bottom, delay + DIFFERENCE) - residual) / DIFFERENCE
-        return np.asarray(slopes)
+    def residual(self, top: FloatArray, bottom: FloatArray, delay: float) -> ComplexArray:
+        """What an element leaves of the output, shape (n,)."""
+        left = bottom[::-1] @ self.output[: len(bottom)] - self.answer(top, delay)
+        return np.asarray(left / np.polyval(bottom, 1j * self.omega))
 
     def unexplained(self, element: ControlledElement) -> float:
         """Largest share of the output's amplitude in a band that an element leaves.
 
-        It is infinite for an element of a higher order than is known of the signals.
+        It is infinite for an element of a higher order than the window allows.
         """
-        top, bottom = (np.trim_zeros(p, "f") for p in (element.numerator, element.denominator))
-        if len(bottom) > len(self.output) or len(top) > len(self.given):
+        top, bottom = np.array(element.numerator) / self.gain, np.array(element.denominator)
+        if len(bottom) > len(self.output):
             return math.inf
-        left = self._left(np.array(top) / self.gain, np.array(bottom), element.delay)
-        return math.sqrt(float((power(left, self.fine) / self.size).max()))
-
-    def _left(self, top: FloatArray, bottom: FloatArray, delay: float) -> ComplexArray:
-        """What polynomials, highest power first, and a delay leave of the output, shape (n,)."""
-        answer = top[::-1] @ self.delayed(len(top), delay)
-        below = np.polyval(bottom, 1j * self.omega)
-        return np.asarray((bottom[::-1] @ self.output[: len(bottom)] - answer) / below)
-
-    @cached_property
-    def fine(self) -> IntArray:
-        """The band of every observation, even in the logarithm of frequency, shape (n,)."""
-        return self._bands(1.0)
-
-    @cached_property
-    def wide(self) -> IntArray:
-        """The same with enough observations in each to tell a level of noise."""
-        return self._bands(OBSERVATIONS / INDEPENDENT)
-
-    def _bands(self, fewest: float) -> IntArray:
-        edges: list[float] = []
-        omega = self.omega
-        for edge in np.geomspace(omega.min(), omega.max(), BANDS + 1)[1:-1].tolist():
-            begin = edges[-1] if edges else 0.0
-            inside, beyond = (omega >= begin) & (omega < edge), omega >= edge
-            if min(inside.sum(), beyond.sum()) >= fewest:
-                edges.append(edge)
-        return np.searchsorted(edges, omega, side="right")
-
-    @cached_property
-    def size(self) -> FloatArray:
-        """Mean power of the output in each fine band."""
-        return power(self.output[0], self.fine)
-
-    @cached_property
-    def count(self) -> FloatArray:
-        """Independent complex observations in each fine band."""
-        return np.asarray(INDEPENDENT * np.bincount(self.fine))
+        left = power(self.residual(top, bottom, element.delay), self.fine)
+        return math.sqrt(float((left / self.size).max()))
 
     def level(self, residual: ComplexArray, exact: FloatArray | float = 1.0) -> FloatArray:
         """Variance of the noise at each observation, with so often what counts as exact."""
         share = UNNOTICED**2 * exact + np.square(self.doubtful) * self.count
-        floor = (share * self.size)[self.fine]
-        return np.asarray(power(residual, self.wide)[self.wide] + floor)
+        return np.asarray(power(residual, self.wide)[self.wide] + (share * self.size)[self.fine])
 
     def cost(self, level: FloatArray) -> float:
         """-2 log-likelihood, the levels at their best."""
@@ -290,47 +232,34 @@ def power(signal: ComplexArray, band: IntArray) -> FloatArray:
     return np.bincount(band, signal.real**2 + signal.imag**2) / np.bincount(band)
 
 
-def _derivatives(bare: ComplexArray, omega: FloatArray) -> ComplexArray:
-    """Of a signal's derivatives, from those of the signal times the window's derivatives."""
-    s = 1j * omega
-    return np.array(
-        [
-            sum(math.comb(i, j) * (-1.0) ** j * s ** (i - j) * bare[j] for j in range(i + 1))
-            for i in range(len(bare))
-        ]
-    )
+def differences(
+    function: Callable[[FloatArray], ComplexArray], values: FloatArray, there: ComplexArray
+) -> ComplexArray:
+    """Derivatives by each value, shape (values, n), of a function that is `there` (n,) at them."""
+    steps = DIFFERENCE * np.maximum(np.abs(values), 1e-2) * np.eye(len(values))
+    return np.array([(function(values + step) - there) / step.sum() for step in steps])
 
 
 def _start(spectra: Spectra, form: Form, delay: float) -> FloatArray:
     """By linear least squares, the equation divided by the last denominator."""
-    power, degree = form.integrators, form.free + 2 * form.lags
-    s, output = 1j * spectra.omega, spectra.output[power:]
-    below = (1.0 + s / 3.0) ** degree * s**power
-    weight = 1.0 / np.sqrt(spectra.size)[spectra.fine]
-    inputs = spectra.delayed(1 + form.zero, delay)
-    columns = np.concatenate([inputs[::-1], -output[:degree][::-1]])
+    s, degree = 1j * spectra.omega, form.free + 2 * form.lags
+    *outputs, goal = spectra.output[form.integrators : form.integrators + degree + 1]
+    inputs = [spectra.answer(np.eye(1 + n)[0], delay) for n in range(form.zero, -1, -1)]
+    rows = np.array([*inputs, *(-output for output in reversed(outputs)), goal])
+    below = (1.0 + s / 3.0) ** degree * s**form.integrators
     for _ in range(5 if degree else 1):
-        scaled = columns * (weight / np.abs(below)) ** 2
-        size = np.sqrt(np.real(np.einsum("in,in->i", scaled.conj(), columns)))
-        matrix = np.real(scaled.conj() @ columns.T) / np.outer(size, size)
-        goal = np.real(scaled.conj() @ output[degree]) / size
-        solution = np.linalg.lstsq(matrix, goal)[0] / size
-        top, free = solution[: 1 + form.zero], solution[1 + form.zero :]
-        below = np.polyval([1.0, *free], s) * s**power
+        weighted = rows / (np.sqrt(spectra.size)[spectra.fine] * np.abs(below))
+        table = np.concatenate([weighted.real, weighted.imag], axis=1)
+        top, free = np.split(np.linalg.lstsq(table[:-1].T, table[-1])[0], [1 + form.zero])
+        below = np.polyval([1.0, *free], s) * s**form.integrators
     parts = [top[:1], top[1:] / top[0], free]
     if form.lags:
         # Of the polynomial's roots the two that are most alike become the lags.
-        roots = np.roots([1.0, *free])
-        roots = roots[np.argsort(np.abs(roots))]
-        first = int(np.argmin(np.abs(roots[1:]) / np.abs(roots[:-1])))
-        b = float(np.sqrt(np.abs(roots[first] * roots[first + 1])))
-        others = np.delete(roots, [first, first + 1])
-        parts = [
-            top[:1] / b**2,
-            parts[1],
-            np.real(np.atleast_1d(np.poly(others)))[1:],
-            np.array([b]),
-        ]
+        roots = sorted(np.roots([1.0, *free]), key=abs)
+        pair = min(range(len(roots) - 1), key=lambda n: abs(roots[n + 1] / roots[n]))
+        square = abs(roots.pop(pair) * roots.pop(pair))
+        others = np.real(np.poly(roots))[1:] if roots else []
+        parts = [top[:1] / square, parts[1], others, [math.sqrt(square)]]
     return np.concatenate([*parts, [delay]])
 
 
@@ -353,83 +282,51 @@ def fitted_form(spectra: Spectra, form: Form, delay: float = 0.0) -> FormFit:
         If the form's numbers are beyond measure: it is no form for the recording.
     """
 
+    def residual(values: FloatArray) -> ComplexArray:
+        return spectra.residual(*form.polynomials(values), values[-1])
+
     def normal(level: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Gradient and information of half the weighted sum of squares at unit scale, and scale."""
-        jacobian = spectra.slopes(form, values, residual)
-        scaled = (jacobian / level).conj()
-        information = np.real(scaled @ jacobian.T)
+        slopes = differences(residual, values, left)
+        scaled = (slopes / level).conj()
+        information = np.real(scaled @ slopes.T)
         scale = np.sqrt(np.diag(information))
-        return np.real(scaled @ residual) / scale, information / np.outer(scale, scale), scale
+        return np.real(scaled @ left) / scale, information / np.outer(scale, scale), scale
 
-    values = _start(spectra, form, delay)
-    residual = spectra.residual(form, values)
-    level = spectra.level(residual)
-    damping = 1e-4
+    values, damping = _start(spectra, form, delay), 1e-4
+    left = residual(values)
+    level = spectra.level(left)
     for _ in range(ITERATIONS):
         (gradient, matrix, scale), gain = normal(level), 0.0
-        while damping < 1e4:
-            step = np.linalg.solve(matrix + damping * np.eye(len(values)), gradient)
+        while damping < 1e4 and not gain > 0.0:
+            step = np.linalg.solve(matrix + damping * np.eye(form.size), gradient)
             trial = values - step / scale
             trial[-1] = np.clip(trial[-1], EARLIEST_DELAY, LONGEST_DELAY)
-            there = spectra.residual(form, trial)
-            level_there = spectra.level(there)
-            gain = spectra.cost(level) - spectra.cost(level_there)
-            if gain > 0.0:
-                values, residual, level = trial, there, level_there
-                damping = max(0.1 * damping, 1e-10)
-                break
-            damping *= 10.0
+            there = residual(trial)
+            gain = spectra.cost(level) - spectra.cost(spectra.level(there))
+            damping *= 0.1 if gain > 0.0 else 10.0
+        if gain > 0.0:
+            values, left, level = trial, there, spectra.level(there)
         if not gain > LAST_GAIN:
             break
     # What counts as exact is no noise that averages out over a band: its error is one.
-    _, matrix, scale = normal(spectra.level(residual, spectra.count))
-    left = power(residual, spectra.fine)
+    _, matrix, scale = normal(spectra.level(left, spectra.count))
     covariance = np.linalg.inv(matrix) / np.outer(scale, scale) / (2.0 * INDEPENDENT)
-    criterion = spectra.cost(level) + len(values) * float(np.log(2.0 * spectra.count.sum()))
+    criterion = spectra.cost(level) + form.size * float(np.log(2.0 * spectra.count.sum()))
     finite = np.isfinite([criterion, *values]).all() and (np.diag(covariance) > 0.0).all()
     if not finite or (form.lags and values[-2] <= 0.0):
         raise np.linalg.LinAlgError
-    unit = np.array([spectra.gain, *np.ones(len(values) - 1)])
-    share = (spectra.count @ left) / (spectra.count @ spectra.size)
+    unit = np.array([spectra.gain, *np.ones(form.size - 1)])
+    leftover = power(left, spectra.fine)
+    share = (spectra.count @ leftover) / (spectra.count @ spectra.size)
     return FormFit(
         form,
         values * unit,
         covariance * np.outer(unit, unit),
         criterion,
-        left / spectra.size,
+        leftover / spectra.size,
         100.0 * max(0.0, 1.0 - float(share)),
     )
-
-
-def windowed(signal: FloatArray, dt: float, order: int, bins: IntArray) -> ComplexArray:
-    """Fourier integrals of a signal times the derivatives of the window.
-
-    Parameters
-    ----------
-    signal
-        Shape (runs, samples).
-    dt
-        Sampling interval [s].
-    order
-        Highest derivative of the window.
-    bins
-        Multiples of 2 pi / T that are wanted, from `FIRST_BIN` on.
-
-    Returns
-    -------
-    Array of shape (order + 1, runs, bins).
-    """
-    samples = signal.shape[1]
-    spectrum = np.fft.fft(signal, axis=1) * dt
-    result = np.zeros((order + 1, len(signal), bins.size), dtype=complex)
-    for k, size in enumerate(COSINES):
-        rate = 2.0 * np.pi * k / (samples * dt)
-        for sign in (1, -1):
-            # cos = (e^+ + e^-)/2; each is a shift by k bins, and a derivative a factor of j rate.
-            shifted = 0.5 * size * spectrum[:, bins - sign * k]
-            for j in range(order + 1):
-                result[j] += (1j * sign * rate) ** j * shifted
-    return result
 
 
 def spectra_of(dt: float, given: FloatArray, output: FloatArray) -> Spectra:
@@ -445,15 +342,39 @@ def spectra_of(dt: float, given: FloatArray, output: FloatArray) -> Spectra:
     runs, samples = output.shape
     # Of unit size, so that no unit is too large or too small to reckon with.
     size, answer = (float(np.std(signal)) or 1.0 for signal in (given, output))
-    last = min(int(HIGHEST_FREQUENCY * samples * dt / (2.0 * np.pi)), int(0.4 * samples))
-    bins = np.arange(FIRST_BIN, last + 1, BIN_STEP)
-    omega = np.tile(2.0 * np.pi * bins / (samples * dt), runs)
-    bare = windowed(output / answer, dt, HIGHEST, bins).reshape(HIGHEST + 1, -1)
-    late = windowed(given / size, dt, 1 + TAYLOR, bins).reshape(2 + TAYLOR, -1)
-    parts = [_derivatives(late[p : p + 2], omega) for p in range(TAYLOR + 1)]
-    return Spectra(
-        answer / size, omega, _derivatives(bare, omega), np.array(parts).swapaxes(0, 1).copy()
+    base = 2.0 * np.pi / (samples * dt)
+    last = min(int(HIGHEST_FREQUENCY / base), int(0.4 * samples))
+    bins, near = np.arange(FIRST_BIN, last + 1, BIN_STEP), np.arange(5) - 2
+    s = 1j * base * np.tile(bins + near[:, None], runs)
+    drive, summands = (
+        np.fft.rfft(signal)[:, bins + near[:, None]].swapaxes(0, 1).reshape(s.shape)
+        * WINDOW[:, None]
+        * s ** np.arange(HIGHEST + 1)[:, None, None]
+        for signal in (given / size, output / answer)
     )
+    omega = s[2].imag
+    fine, wide = (_bands(omega, fewest) for fewest in (1.0, OBSERVATIONS / INDEPENDENT))
+    known = summands.sum(axis=1)
+    return Spectra(
+        answer / size,
+        base * near,
+        omega,
+        drive,
+        known,
+        fine,
+        wide,
+        power(known[0], fine),
+        INDEPENDENT * np.bincount(fine),
+    )
+
+
+def _bands(omega: FloatArray, fewest: float) -> IntArray:
+    """The band of every frequency, each with so many."""
+    edges = [0.0]
+    for edge in np.geomspace(omega.min(), omega.max(), BANDS + 1)[1:-1].tolist():
+        if min(np.sum((omega >= edges[-1]) & (omega < edge)), np.sum(omega >= edge)) >= fewest:
+            edges.append(edge)
+    return np.searchsorted(edges[1:], omega, side="right")
 
 
 def forms_fitted(spectra: Spectra) -> list[FormFit]:
@@ -471,7 +392,7 @@ def forms_fitted(spectra: Spectra) -> list[FormFit]:
     if noisy and not np.any(spectra.doubtful):
         return forms_fitted(replace(spectra, doubtful=doubtful))
     if best.values[-1] > SHORT_DELAY:
-        simpler = [form for form in FORMS if len(form.keys) < len(best.form.keys)]
+        simpler = [form for form in FORMS if form.size < best.form.size]
         fits += _pass(spectra, simpler, float(best.values[-1]))
     # Of each form the best.
     fits.sort(key=lambda fit: fit.criterion)
@@ -480,13 +401,12 @@ def forms_fitted(spectra: Spectra) -> list[FormFit]:
 
 def _pass(spectra: Spectra, forms: Sequence[Form], delay: float = 0.0) -> list[FormFit]:
     fits: list[FormFit] = []
-    by_size = sorted(forms, key=lambda form: len(form.keys))
-    for _, alike in groupby(by_size, key=lambda form: len(form.keys)):
-        for form in alike:
-            with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
-                fits.append(fitted_form(spectra, form, delay))
-        if any(fit.unexplained.max() <= UNNOTICED**2 for fit in fits):
+    for form in forms:
+        good = (f for f in fits if f.unexplained.max() <= UNNOTICED**2)
+        if any(fit.form.size < form.size for fit in good):
             break
+        with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
+            fits.append(fitted_form(spectra, form, delay))
     return fits
 
 
@@ -500,9 +420,13 @@ def simplest(fits: Sequence[FormFit]) -> FormFit:
 @remembered
 def spectra_in_window(recording: Recording) -> Spectra:
     """Spectra of u + fd and of x in the measurement window of a recording."""
-    signals = {"u": recording.u, "x": recording.x, "fd": recording.fd}
-    parts = {n: recording.window(s) for n, s in signals.items() if s is not None}
-    return spectra_of(recording.dt, parts["u"] + parts.get("fd", 0.0), parts["x"])
+    drive, output = (recording.window(s) for s in (drive_of(recording), recording.x))
+    return spectra_of(recording.dt, drive, output)
+
+
+def drive_of(recording: Recording) -> FloatArray:
+    """What the element answers to."""
+    return recording.u if recording.fd is None else recording.u + recording.fd
 
 
 @remembered

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.checks.element_forms import INDEPENDENT, Spectra
+from pilotid.checks.element_forms import INDEPENDENT, Spectra, drive_of
 from pilotid.model.element import ControlledElement
 from pilotid.recording.recording import Recording, remembered
 from pilotid.recording.spectra import at_lines, target_lines
@@ -94,12 +94,11 @@ def answered(spectra: Spectra, element: ControlledElement) -> Answered | None:
     element
         The element, with two derivatives of the input and `HIGHEST` of the output at most.
     """
-    top, bottom = (np.trim_zeros(p, "f")[::-1] for p in (element.numerator, element.denominator))
-    if len(top) > 2 or len(bottom) > len(spectra.output):
+    top, bottom = np.array(element.numerator), np.array(element.denominator)
+    if len(bottom) > len(spectra.output):
         return None
-    output = np.asarray(bottom) @ spectra.output[: len(bottom)]
-    answer = np.asarray(top) @ spectra.delayed(len(top), element.delay)
-    ratio, omega = output / answer, spectra.omega
+    output = bottom[::-1] @ spectra.output[: len(bottom)]
+    ratio, omega = output / spectra.answer(top, element.delay), spectra.omega
     unit = ratio / np.abs(ratio)
     times = np.arange(-LATEST, LATEST, 0.01)
     late = float(times[np.argmax(np.real(np.exp(1j * np.outer(times, omega)) @ (omega * unit)))])
@@ -381,11 +380,10 @@ def response_ratios(plants: Sequence[Plant | None]) -> ComplexArray | None:
 def element_changes(recording: Recording) -> Remark | None:
     """An element that is another one in the second half of the recording than in the first."""
     half = recording.samples // 2
-    drive = recording.u if recording.fd is None else recording.u + recording.fd
     ratios = response_ratios([
         _answer(
             _spectrum(recording, recording.x, part),
-            _spectrum(recording, drive, part),
+            _spectrum(recording, drive_of(recording), part),
             half * recording.dt,
         )
         for part in (slice(half), slice(-half, None))
