@@ -88,17 +88,13 @@ def _number(value: float, sign: bool) -> str:
     return np.format_float_positional(value, trim="-", sign=sign)
 
 
-#: From the fewest parameters on.
-FORMS = sorted(
-    (
-        *(Form(k, free) for k, free in ((0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1))),
-        *(Form(k, free) for k, free in ((0, 2), (1, 2), (0, 3))),
-        *(Form(k, free, lags=True) for k, free in ((0, 0), (1, 0), (2, 0), (0, 1), (0, 2))),
-        *(Form(k, free, zero=True) for k, free in ((1, 0), (2, 0), (0, 1), (1, 1))),
-        *(Form(k, free, zero=True) for k, free in ((0, 2), (1, 2), (0, 3))),
-    ),
-    key=lambda form: form.size,
-)
+#: By k, d, lags and zero, from the fewest parameters on.
+FORMS = [
+    *(Form(k, d) for d in range(4) for k in range(min(3, 4 - d))),
+    *(Form(k, d, lags=True) for k, d in ((0, 0), (1, 0), (2, 0), (0, 1), (0, 2))),
+    *(Form(k, d, zero=True) for k, d in ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2), (1, 2), (0, 3))),
+]
+FORMS.sort(key=lambda form: form.size)
 
 
 #: Relative error below which two responses count as one: nobody misses it, and few recordings
@@ -134,7 +130,7 @@ class FormFit:
     Attributes
     ----------
     form, values
-        Parameters in the order of `Form.size`.
+        Parameters in the order of `Form`.
     covariance
         Of the values.
     criterion
@@ -258,8 +254,8 @@ def _start(spectra: Spectra, form: Form, delay: float) -> FloatArray:
         roots = sorted(np.roots([1.0, *free]), key=abs)
         pair = min(range(len(roots) - 1), key=lambda n: abs(roots[n + 1] / roots[n]))
         square = abs(roots.pop(pair) * roots.pop(pair))
-        others = np.real(np.poly(roots))[1:] if roots else []
-        parts = [top[:1] / square, parts[1], others, [math.sqrt(square)]]
+        others = np.atleast_1d(np.real(np.poly(roots)))[1:]
+        parts = [top[:1] / square, parts[1], others, np.sqrt([square])]
     return np.concatenate([*parts, [delay]])
 
 
@@ -285,22 +281,20 @@ def fitted_form(spectra: Spectra, form: Form, delay: float = 0.0) -> FormFit:
     def residual(values: FloatArray) -> ComplexArray:
         return spectra.residual(*form.polynomials(values), values[-1])
 
-    def normal(level: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Gradient and information of half the weighted sum of squares at unit scale, and scale."""
+    def normal(level: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient and information of half the weighted sum of squares."""
         slopes = differences(residual, values, left)
         scaled = (slopes / level).conj()
-        information = np.real(scaled @ slopes.T)
-        scale = np.sqrt(np.diag(information))
-        return np.real(scaled @ left) / scale, information / np.outer(scale, scale), scale
+        return np.real(scaled @ left), np.real(scaled @ slopes.T)
 
     values, damping = _start(spectra, form, delay), 1e-4
     left = residual(values)
     level = spectra.level(left)
     for _ in range(ITERATIONS):
-        (gradient, matrix, scale), gain = normal(level), 0.0
+        (gradient, information), gain = normal(level), 0.0
         while damping < 1e4 and not gain > 0.0:
-            step = np.linalg.solve(matrix + damping * np.eye(form.size), gradient)
-            trial = values - step / scale
+            damped = information + damping * np.diag(np.diag(information))
+            trial = values - np.linalg.solve(damped, gradient)
             trial[-1] = np.clip(trial[-1], EARLIEST_DELAY, LONGEST_DELAY)
             there = residual(trial)
             gain = spectra.cost(level) - spectra.cost(spectra.level(there))
@@ -310,23 +304,19 @@ def fitted_form(spectra: Spectra, form: Form, delay: float = 0.0) -> FormFit:
         if not gain > LAST_GAIN:
             break
     # What counts as exact is no noise that averages out over a band: its error is one.
-    _, matrix, scale = normal(spectra.level(left, spectra.count))
-    covariance = np.linalg.inv(matrix) / np.outer(scale, scale) / (2.0 * INDEPENDENT)
+    _, information = normal(spectra.level(left, spectra.count))
+    covariance = np.asarray(np.linalg.inv(information)) / (2.0 * INDEPENDENT)
     criterion = spectra.cost(level) + form.size * float(np.log(2.0 * spectra.count.sum()))
     finite = np.isfinite([criterion, *values]).all() and (np.diag(covariance) > 0.0).all()
     if not finite or (form.lags and values[-2] <= 0.0):
         raise np.linalg.LinAlgError
     unit = np.array([spectra.gain, *np.ones(form.size - 1)])
-    leftover = power(left, spectra.fine)
-    share = (spectra.count @ leftover) / (spectra.count @ spectra.size)
-    return FormFit(
-        form,
-        values * unit,
-        covariance * np.outer(unit, unit),
-        criterion,
-        leftover / spectra.size,
-        100.0 * max(0.0, 1.0 - float(share)),
+    unexplained = power(left, spectra.fine) / spectra.size
+    explained = 100.0 * max(
+        0.0, 1.0 - np.average(unexplained, weights=spectra.count * spectra.size)
     )
+    covariance *= np.outer(unit, unit)
+    return FormFit(form, values * unit, covariance, criterion, unexplained, explained)
 
 
 def spectra_of(dt: float, given: FloatArray, output: FloatArray) -> Spectra:
@@ -354,17 +344,9 @@ def spectra_of(dt: float, given: FloatArray, output: FloatArray) -> Spectra:
     )
     omega = s[2].imag
     fine, wide = (_bands(omega, fewest) for fewest in (1.0, OBSERVATIONS / INDEPENDENT))
-    known = summands.sum(axis=1)
+    known, count = summands.sum(axis=1), INDEPENDENT * np.bincount(fine).astype(float)
     return Spectra(
-        answer / size,
-        base * near,
-        omega,
-        drive,
-        known,
-        fine,
-        wide,
-        power(known[0], fine),
-        INDEPENDENT * np.bincount(fine),
+        answer / size, base * near, omega, drive, known, fine, wide, power(known[0], fine), count
     )
 
 
