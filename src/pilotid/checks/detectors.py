@@ -10,14 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from hashlib import sha256
 from itertools import pairwise, permutations
 
 import numpy as np
 
-from pilotid.checks.element_forms import fits_of, simplest, spectra_in_window
-from pilotid.checks.plant import Answered, Relation, answered, derivatives, regression, shifted
+from pilotid.checks.element_forms import drive_of, fits_of, simplest, spectra_in_window
+from pilotid.checks.plant import (
+    Answered,
+    against_forcing,
+    answered,
+    derivatives,
+    regression,
+    shifted,
+)
 from pilotid.model.element import parsed_element
 from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT, RECORDER
@@ -96,11 +102,6 @@ class _Look:
         names = ("e", "u", "x", *recording.extra)
         self.answers = {name: self.signals[name] for name in names if name in self.signals}
 
-    @property
-    def drive(self) -> FloatArray:
-        """What the element answers to."""
-        return self.signals["u"] + self.signals.get("fd", 0.0)
-
     def falls(self) -> Iterator[Finding]:
         """Low-pass filters: spectra of pilots and elements fall, but nowhere that steeply."""
         bands = _bands(self.recording.samples, self.dt)
@@ -139,7 +140,7 @@ class _Look:
                 "a low-pass filter or an interpolation begins there; fits end there, and record "
                 "without it, or with the same causal filter on all signals"
             )
-            yield _band_ends("low-pass", name, usable, usable, words)
+            yield _band_ends(name, usable, usable, words)
 
     def grids(self) -> Iterator[Finding]:
         """Signals resampled from a lower rate: every k-th difference is small."""
@@ -153,7 +154,7 @@ class _Look:
                     f"it was recorded at {rate:.3g} Hz and {how} between; give the samples as they "
                     "were recorded"
                 )
-                yield _band_ends("low-pass", name, rate, 0.25 / (step * self.dt), words)
+                yield _band_ends(name, rate, 0.25 / (step * self.dt), words)
 
     def steps(self) -> Iterator[Finding]:
         """Rounding, by a converter or by the decimals of a text file."""
@@ -175,8 +176,8 @@ class _Look:
             return
         if any(f.signal == "x" and f.usable < f.size for f in faults):  # held or interpolated
             return
-        x = self.signals["x"]
-        ratio, share, count, run, sample = _outliers(x, self.drive)
+        x, drive = self.signals["x"], self.recording.window(drive_of(self.recording))
+        ratio, share, count, run, sample = _outliers(x, drive)
         # What stands still between steps of a converter is told without error.
         by_steps = RECORDER.converter_steps * step_of(self.recording, "x") / float(np.std(x))
         if ratio <= RECORDER.outlier[0] or share <= max(RECORDER.outlier[1], by_steps):
@@ -236,7 +237,7 @@ class _Look:
         """Times and gains of u and fd against one another, whatever the element is."""
         if "fd" not in self.signals or _is_stepped(self.signals["fd"]):
             return
-        best = Relation(self.signals, self.dt).best()
+        best = against_forcing(self.signals, self.dt)
         if not best.left < RECORDER.left:
             return
         # Noise on x, which stands on the right-hand side, moves times and shares.
@@ -305,10 +306,10 @@ class _Look:
                 yield Finding("copied-run", "u", "wrong", 1.0, "", words)
 
 
-def _band_ends(code: str, name: str, size: float, usable: float, why: str) -> Finding:
+def _band_ends(name: str, size: float, usable: float, why: str) -> Finding:
     grade: Grade = "note" if usable >= RECORDER.enough else "doubt"
     words = f"{name} is usable up to {usable:.2g} Hz: {why}"
-    return Finding(code, name, grade, size, "Hz", words, usable)
+    return Finding("low-pass", name, grade, size, "Hz", words, usable)
 
 
 def _late(name: str, other: str, late: float, dt: float) -> Finding:
@@ -333,7 +334,6 @@ def _answer(recording: Recording) -> Answered | None:
     return Answered(float(best.values[-1]), math.sqrt(best.covariance[-1, -1]))
 
 
-@lru_cache
 def _bands(samples: int, dt: float) -> tuple[tuple[int, int], ...]:
     """First and end of the bins of bands of a sixth of an octave, of those with five bins."""
     top = 0.48 / dt
@@ -394,9 +394,6 @@ def unit_conversion(factor: float) -> tuple[float, str]:
     return float(f"{factor:.3g}"), ""
 
 
-OUTLIER_BLOCK = 1 << 17  # samples whose table is held at once
-
-
 def _outliers(
     output: FloatArray, drive: FloatArray, order: int = 8
 ) -> tuple[float, float, int, int, int]:
@@ -412,15 +409,12 @@ def _outliers(
     count = wanted.shape[1]
     columns = [p[:, order - 1 - i : order - 1 - i + count] for i, p in enumerate(past)]
     columns += [drive[:, order - i : order - i + count] for i in range(4)]
-    sizes = [math.sqrt(float(np.mean(c**2))) + 1e-300 for c in columns]
-    parts = [slice(begin, begin + OUTLIER_BLOCK) for begin in range(0, count, OUTLIER_BLOCK)]
+    sizes = np.array([math.sqrt(float(np.mean(c**2))) + 1e-300 for c in columns])
     kept, error = np.ones(wanted.shape, dtype=bool), np.empty(wanted.shape)
     for _ in range(3):
-        products = np.zeros((len(columns), len(columns) + 1))
-        for part in parts:
-            table = np.array([c[:, part] / size for c, size in zip(columns, sizes, strict=True)])
-            both = np.concatenate([table, wanted[None, :, part]])
-            products += np.tensordot(table * kept[:, part], both, ([1, 2], [1, 2]))
+        # One by one, as a table of all of them is large.
+        products = np.array([[np.vdot(a * kept, b) for b in (*columns, wanted)] for a in columns])
+        products /= np.outer(sizes, [*sizes, 1.0])
         values = np.linalg.lstsq(products[:, :-1], products[:, -1], rcond=1e-13)[0] / sizes
         error[:] = wanted
         for value, column in zip(values, columns, strict=True):

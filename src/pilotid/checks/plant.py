@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -125,59 +124,53 @@ class Best(NamedTuple):
     left: float
 
 
-class Relation:
-    """(1 + z d/dt)(u(t + a) + b fd) = sum of c_j times the j-th derivative of x(t + c)."""
+REACH, OUTPUT = 1.2, 0.45  # s, by which u and x are shifted at most
+STEP, SMALL = 0.05, 0.12  # s, of the shifts that are tried
 
-    REACH, OUTPUT = 1.2, 0.45  # s, by which u and x are shifted at most
-    STEP, SMALL = 0.05, 0.12
 
-    def __init__(self, signals: dict[str, FloatArray], dt: float) -> None:
-        self.dt = dt
-        self.reach = int(self.REACH / dt)
-        self.every = max(1, int(0.045 / dt))
-        self.control = derivatives(signals["u"], dt, 1)
-        self.output = derivatives(signals["x"], dt, 4)
-        self.forcing = derivatives(signals["fd"], dt, 1)
+def against_forcing(signals: dict[str, FloatArray], dt: float) -> Best:
+    """How u, fd and x go together with the least left, of all shifts if without them much is.
 
-    def _cut(self, signal: FloatArray, shift: int) -> FloatArray:
-        end = signal.shape[1] - self.reach + shift
-        return signal[:, self.reach + shift : end : self.every]
+    (1 + z d/dt)(u(t + a) + b fd) = sum of c_j times the j-th derivative of x(t + c).
+    """
+    reach, every = int(REACH / dt), max(1, int(0.045 / dt))
+    control, forcing, output = (
+        derivatives(signals[name], dt, order) for name, order in (("u", 1), ("fd", 1), ("x", 4))
+    )
 
-    def _at(
-        self, shifts: tuple[int, int], runs: int | None = None
+    def cut(several: list[FloatArray], shift: int, runs: int | None) -> list[FloatArray]:
+        end = several[0].shape[1] - reach + shift
+        return [signal[:runs, reach + shift : end : every] for signal in several]
+
+    def at(
+        shifts: tuple[int, int], runs: int | None = None
     ) -> tuple[FloatArray, FloatArray, float]:
-        control, rate = (self._cut(s[:runs], shifts[0]) for s in self.control)
-        forcing, forced = (self._cut(s[:runs], 0) for s in self.forcing)
-        columns = [-rate, -forcing, -(rate + forced), np.ones_like(control)]
-        columns += [self._cut(s[:runs], shifts[1]) for s in self.output]
-        return regression(control, columns, self.every * self.dt)
+        (u, rate), (fd, forced) = cut(control, shifts[0], runs), cut(forcing, 0, runs)
+        columns = [-rate, -fd, -(rate + forced), np.ones_like(u), *cut(output, shifts[1], runs)]
+        return regression(u, columns, every * dt)
 
-    def best(self) -> Best:
-        """The relation with the least left, of all shifts if without them much is."""
-        best = self._near((0, 0))
-        if best.left <= MUCH:
-            return best
-        small, step = round(self.SMALL / self.dt), max(1, round(self.STEP / self.dt))
-        fine = range(-small, small + 1, max(1, small // 10))
-        coarse = range(-(self.reach // step) * step, self.reach, step)
-        most = round(self.OUTPUT / self.dt)
-        # x goes with fd if u is late, and with u if fd is.
-        grid = sorted({*fine, *coarse})
-        tried = [(u, x) for u in grid for x in {0, u} if abs(x) <= most]
-        shifts = min(tried, key=lambda pair: self._at(pair, 1)[2])
-        return min(best, self._near(shifts), key=lambda best: best.left)
-
-    def _near(self, shifts: tuple[int, int]) -> Best:
+    def about(shifts: tuple[int, int]) -> Best:
         """The relation about shifts of u and x, as the derivative is right for small ones alone."""
         for _ in range(5):
-            values, errors, left = self._at(shifts)
+            values, errors, left = at(shifts)
             share = float(values[1]) or 1.0
-            late = float(values[0] + values[2] * (1.0 - 1.0 / share)) + shifts[0] * self.dt
-            near = int(np.clip(round(late / self.dt), -self.reach, self.reach)), shifts[1]
+            late = float(values[0] + values[2] * (1.0 - 1.0 / share)) + shifts[0] * dt
+            near = int(np.clip(round(late / dt), -reach, reach)), shifts[1]
             if near == shifts:
                 break
             shifts = near
         return Best(late, float(errors[0]), share, float(errors[1]), left)
+
+    best = about((0, 0))
+    if best.left <= MUCH:
+        return best
+    small, step, most = round(SMALL / dt), max(1, round(STEP / dt)), round(OUTPUT / dt)
+    fine = range(-small, small + 1, max(1, small // 10))
+    # x goes with fd if u is late, and with u if fd is.
+    grid = sorted({*fine, *range(-(reach // step) * step, reach, step)})
+    tried = [(u, x) for u in grid for x in {0, u} if abs(x) <= most]
+    shifted_best = about(min(tried, key=lambda pair: at(pair, 1)[2]))
+    return min(best, shifted_best, key=lambda best: best.left)
 
 
 # ------------------------------------------------------------------------ the answer of the output
@@ -254,7 +247,6 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
     return max(plants, key=lambda plant: plant.mean_coherence - ELEMENT.clearly * plant.opposed)
 
 
-@lru_cache
 def _bands(duration: float, runs: int, count: int) -> tuple[FloatArray, IntArray]:
     """Middles of the bands [rad/s], and the first and the end of each one's bins, (bands, 2)."""
     bins = np.arange(count) * 2.0 * np.pi / duration
@@ -317,17 +309,15 @@ def opposed(recording: Recording) -> Remark | None:
 
     A pilot's response tells nothing: with a negative element he would turn his own sign round.
     """
-    runs: list[int | None] = list(range(recording.runs)) if recording.runs > 1 else [None]
-    signs = {run: _signs(recording, run) for run in runs}
+    signs = {run: _signs(recording, run) for run in range(recording.runs)}
     known = {run: names for run, names in signs.items() if names is not None}
+    # What no run tells may show in all of them together.
+    known = known or {0: _signs(recording, None) or ()}
     wrong = {run: names for run, names in known.items() if names}
-    if not wrong and not known:  # what no run tells may show in all of them together
-        wrong = {None: names} if (names := _signs(recording, None)) else {}
     if not wrong:
         return None
     first, names = next(iter(wrong.items()))
-    some = len(wrong) < len(known)  # others are known to be right
-    where = f" in run {first + 1}" if some and first is not None else ""
+    where = f" in run {first + 1}" if len(wrong) < len(known) else ""  # others are right
     remedy = (
         "turn it round in the file, or leave that run out with --runs"
         if where
