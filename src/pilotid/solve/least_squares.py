@@ -9,11 +9,12 @@ before, `evolve` looks for one by differential evolution.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
+from pilotid.model.model import PilotModel
 from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 
@@ -202,13 +203,8 @@ class Minima:
 
     def only(self, which: IntArray | BoolArray | list[int]) -> Minima:
         """Some of the ends, in the order given."""
-        return replace(
-            self,
-            values=self.values[which],
-            converged=self.converged[which],
-            gram=self.gram[which],
-            curvature=self.curvature[which],
-        )
+        values, converged = self.values[which], self.converged[which]
+        return Minima(values, converged, self.gram[which], self.curvature[which], self.iterations)
 
     def best_first(self) -> Minima:
         """The same ends in the order of their costs."""
@@ -439,25 +435,9 @@ def solve_linear(
     return result, cost
 
 
-class SearchSpace(Bounds, Protocol):
-    """Bounds, and where in them to begin."""
-
-    @property
-    def start(self) -> FloatArray:
-        """Default start, shape (parameters,)."""
-
-    @property
-    def usual(self) -> FloatArray:
-        """Ends of the ranges that random starts are drawn from, shape (2, parameters)."""
-
-    @property
-    def linear(self) -> tuple[int, ...]:
-        """Indices of the parameters that the residual is linear in."""
-
-
 def search(
     gram: Gram,
-    space: SearchSpace,
+    space: PilotModel,
     rng: np.random.Generator,
     *,
     known: FloatArray | None = None,
@@ -495,7 +475,7 @@ def search(
     return minimise(gram, points[best], space, tolerance=1e-3, iterations=16)
 
 
-def draw_starts(space: SearchSpace, rng: np.random.Generator, count: int) -> FloatArray:
+def draw_starts(space: PilotModel, rng: np.random.Generator, count: int) -> FloatArray:
     """Random points in the parameters' usual ranges, shape (count, parameters).
 
     Positive parameters are drawn on a logarithmic scale.
@@ -508,7 +488,7 @@ def draw_starts(space: SearchSpace, rng: np.random.Generator, count: int) -> Flo
 
 def evolve(
     gram: Gram,
-    space: SearchSpace,
+    space: PilotModel,
     rng: np.random.Generator,
     *,
     population: int,
