@@ -59,9 +59,8 @@ def regression(
     inverse = np.linalg.inv(table.T @ table + 1e-12 * len(table) * np.eye(table.shape[1]))
     values = inverse @ (table.T @ target)
     left = target - table @ values
-    scores = np.add.reduceat(
-        table * left[:, None], np.arange(0, left.size, max(1, int(2.0 / step)))
-    )
+    blocks = np.arange(0, left.size, max(1, int(2.0 / step)))
+    scores = np.add.reduceat(table * left[:, None], blocks)
     covariance = inverse @ (scores.T @ scores) @ inverse
     share = float(left @ left) / (float(target @ target) or 1.0)
     return values / size, np.sqrt(np.diag(covariance)) / size, share
@@ -235,10 +234,9 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
     plants = []
     for sign in (1.0,) if forcing is None else (1.0, -1.0):
         drive = control if forcing is None else sign * control + forcing
-        plant = _answer(output, drive, recording.duration)
-        if plant is None:
+        if (plant := _answer(output, drive, recording.duration)) is None:
             return None
-        if recording.fd is None:
+        if forcing is None:
             polarity = _polarity_at_target(recording, rows)
         else:
             good = plant.coherence >= ELEMENT.coherent
@@ -370,14 +368,9 @@ def response_ratios(plants: Sequence[Plant | None]) -> ComplexArray | None:
 def element_changes(recording: Recording) -> Remark | None:
     """An element that is another one in the second half of the recording than in the first."""
     half = recording.samples // 2
-    ratios = response_ratios([
-        _answer(
-            _spectrum(recording, recording.x, part),
-            _spectrum(recording, drive_of(recording), part),
-            half * recording.dt,
-        )
-        for part in (slice(half), slice(-half, None))
-    ])  # fmt: skip
+    signals, halves = (recording.x, drive_of(recording)), (slice(half), slice(-half, None))
+    spectra = ([_spectrum(recording, signal, part) for signal in signals] for part in halves)
+    ratios = response_ratios([_answer(x, v, half * recording.dt) for x, v in spectra])
     if ratios is None or np.median(np.abs(ratios[1])) <= ELEMENT.changed:
         return None
     factor = float(np.exp(np.max(np.abs(ratios[1].real))))

@@ -403,14 +403,13 @@ def profile_intervals(
         # The variance is then one more parameter, maximised over as well.
         target = lowest * np.exp(sought / estimated)
 
-    error = _errors(optimum_gram[0], _blocked(optimum_gram, best, lower, upper)[0], variance)
-    error = error[:count]
+    blocked = _blocked(optimum_gram, best, lower, upper)
+    error = _errors(optimum_gram[0], blocked[0], variance)[:count]
     # On the ridge of the quadratic approximation.
     points = np.repeat(best, 2 * count, axis=0)
     grams = np.repeat(optimum_gram, 2 * count, axis=0)
     longest = 1.5 * np.sqrt(sought) * error[which]
-    blocked = _blocked(grams, points, lower, upper)
-    ridge, _ = _step(grams, blocked, which, side, longest, target)
+    ridge, _ = _step(grams, np.repeat(blocked, 2 * count, axis=0), which, side, longest, target)
     points = np.clip(points + ridge, lower, upper)
     active = np.arange(2 * count)
     reached_end = np.zeros(2 * count, dtype=bool)

@@ -14,7 +14,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pilotid.model.model import PilotModel
 from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 
@@ -435,9 +434,25 @@ def solve_linear(
     return result, cost
 
 
+class SearchSpace(Bounds, Protocol):
+    """Bounds, and where in them to begin."""
+
+    @property
+    def start(self) -> FloatArray:
+        """Default start, shape (parameters,)."""
+
+    @property
+    def usual(self) -> FloatArray:
+        """Ends of the ranges that random starts are drawn from, shape (2, parameters)."""
+
+    @property
+    def linear(self) -> tuple[int, ...]:
+        """Indices of the parameters that the residual is linear in."""
+
+
 def search(
     gram: Gram,
-    space: PilotModel,
+    space: SearchSpace,
     rng: np.random.Generator,
     *,
     known: FloatArray | None = None,
@@ -475,7 +490,7 @@ def search(
     return minimise(gram, points[best], space, tolerance=1e-3, iterations=16)
 
 
-def draw_starts(space: PilotModel, rng: np.random.Generator, count: int) -> FloatArray:
+def draw_starts(space: SearchSpace, rng: np.random.Generator, count: int) -> FloatArray:
     """Random points in the parameters' usual ranges, shape (count, parameters).
 
     Positive parameters are drawn on a logarithmic scale.
@@ -488,7 +503,7 @@ def draw_starts(space: PilotModel, rng: np.random.Generator, count: int) -> Floa
 
 def evolve(
     gram: Gram,
-    space: PilotModel,
+    space: SearchSpace,
     rng: np.random.Generator,
     *,
     population: int,
