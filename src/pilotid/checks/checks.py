@@ -145,9 +145,8 @@ def _names_by_lines(recording: Recording, checks: Sequence[NameCheck]) -> Remark
 
 def _names(recording: Recording, checks: Sequence[NameCheck]) -> Remark | None:
     """Units, names and signs: the first thing that is wrong explains the others."""
-    if motionless(recording, "e"):
-        return None
-    if recording.origin.get("x") == ABSENT or motionless(recording, "x"):
+    absent = recording.origin.get("x") == ABSENT
+    if absent or motionless(recording, "e") or motionless(recording, "x"):
         return None
     return next(filter(None, (check(recording) for check in checks)), None)
 

@@ -410,13 +410,13 @@ def _outliers(
     columns = [p[:, order - 1 - i : order - 1 - i + count] for i, p in enumerate(past)]
     columns += [drive[:, order - i : order - i + count] for i in range(4)]
     sizes = np.array([math.sqrt(float(np.mean(c**2))) + 1e-300 for c in columns])
-    kept, error = np.ones(wanted.shape, dtype=bool), np.empty(wanted.shape)
+    kept = np.ones(wanted.shape, dtype=bool)
     for _ in range(3):
         # One by one, as a table of all of them is large.
         products = np.array([[np.vdot(a * kept, b) for b in (*columns, wanted)] for a in columns])
         products /= np.outer(sizes, [*sizes, 1.0])
         values = np.linalg.lstsq(products[:, :-1], products[:, -1], rcond=1e-13)[0] / sizes
-        error[:] = wanted
+        error = wanted.copy()
         for value, column in zip(values, columns, strict=True):
             error -= value * column
         np.abs(error, out=error)
