@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, SINGLE_LOOP, recording_of
 
-from pilotid.checks.element_fit import OMEGA, chosen_element, differs, identified_element, rounded
+from pilotid.checks.element_fit import (
+    OMEGA,
+    chosen_element,
+    confirmed_element,
+    differs,
+    identified_element,
+    rounded,
+)
 from pilotid.checks.element_forms import FORMS, Form, fitted_form, spectra_of
 from pilotid.datasets import POPULATIONS, simulate
 from pilotid.model.element import ControlledElement, double_integrator, element_named
@@ -260,6 +267,14 @@ def test_the_element_is_the_user_s_else_the_file_s_else_the_signals() -> None:
         "the controlled element that the file names",
     ]
     assert chosen_element(replace(recording, controlled_element="a boat")).origin == "identified"
+
+
+def test_a_named_element_with_zeros_is_held_against_the_signals() -> None:
+    named = "3(s+1)(s+4)/(s^2(s+8))"
+    recording = replace(recorded(element_named(named)), controlled_element=named)
+    assert confirmed_element(recording) == element_named(named)
+    wrong = replace(recording, controlled_element="3(s+1)(s+8)/(s^2(s+8))")
+    assert confirmed_element(wrong) is None
 
 
 # ------------------------------------------------------------------ human pilots

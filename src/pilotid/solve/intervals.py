@@ -308,9 +308,7 @@ def extend_intervals(
         sides = np.array([-1.0, 1.0])
         # What lies beyond an end by a tenth of the length, on the inner scale, is walked on from.
         beyond = (hull - known) * sides > 0.1 * length[:, None]
-        known = np.stack(
-            [np.minimum(known[:, 0], hull[:, 0]), np.maximum(known[:, 1], hull[:, 1])], axis=1
-        )
+        known = sides * np.maximum(sides * known, sides * hull)
         if not beyond.any():
             break
         for k, side in np.argwhere(beyond).tolist():
@@ -465,11 +463,8 @@ def profile_intervals(
         known = extend_intervals(inner, box, seen, reached_costs, known, lowest, target[:count])
     best_of_all = int(np.nanargmin(reached_costs))
     better = scale.leave(seen[best_of_all]) if reached_costs[best_of_all] < least else None
-    low, high = np.clip(
-        LogTransform(space.positive[:count]).leave(known.T),
-        space.lower[:count],
-        space.upper[:count],
-    )
+    found = LogTransform(space.positive[:count]).leave(known.T)
+    low, high = np.clip(found, space.lower[:count], space.upper[:count])
     values = minimum.values[0, :count]
     intervals = np.stack([np.minimum(low, values), np.maximum(high, values)], axis=1)
     return Profile(intervals, better)
