@@ -226,23 +226,18 @@ def not_the_error(recording: Recording) -> Remark | None:
     if recording.ft is None:
         return _without_target(recording)
     signals = {name: recording.window(getattr(recording, name)) for name in ("e", "x", "ft")}
-    size = _rms(signals["e"]) or 1.0
-    off = _rms(signals["e"] - signals["ft"] + signals["x"]) / size
+    e, x, ft = signals.values()
+    rest, size = e - ft + x, _rms(e) or 1.0
+    off, least = _rms(rest) / size, SIGNAL.identity * size
     if off <= SIGNAL.identity:
         return None
-    explained = _explainer(signals["x"], signals["ft"])
+    explained = _explainer(x, ft)
     # What no signal explains is noise of the recorder, which each channel has of its own.
-    if off <= SIGNAL.noise and explained(signals["e"] - signals["ft"] + signals["x"]) <= (
-        SIGNAL.identity * size
-    ):
+    if off <= SIGNAL.noise and explained(rest) <= least:
         return None
-    others = {
-        "e": signals["ft"] - signals["x"],
-        "x": signals["ft"] - signals["e"],
-        "ft": signals["e"] + signals["x"],
-    }
+    others = {"e": ft - x, "x": ft - e, "ft": e + x}
     for name, wanted in others.items():
-        if explained(signals[name] + wanted) <= SIGNAL.identity * size:
+        if explained(signals[name] + wanted) <= least:
             cure = recording.flipped(name)
             words = f"e is not ft - x: {name} has the wrong sign; flip it with --map {cure}"
             return Remark("wrong-sign", words)

@@ -251,13 +251,9 @@ class _Look:
                 yield _late("fd", "u", -best.late, self.dt)
             else:
                 yield _late("u", "fd", best.late, self.dt)
-        off = abs(best.share - 1.0)
         least = RECORDER.errors * best.share_error
-        if (
-            best.left <= RECORDER.exact
-            and best.share_error < 0.05 * max(1.0, abs(best.share))
-            and off > max(least, RECORDER.gain)
-        ):
+        told = best.share_error < 0.05 * max(1.0, abs(best.share)) and best.left <= RECORDER.exact
+        if told and abs(best.share - 1.0) > max(least, RECORDER.gain):
             if abs(best.share) <= max(least, RECORDER.no_share):
                 words = "u includes fd: x is the answer to u alone; subtract fd from u"
                 yield Finding("wrong-unit", "u", "wrong", best.share, "", words)
