@@ -108,7 +108,6 @@ LAST_GAIN = 0.03  # of -2 log-likelihood that the last step gains
 LONGEST_DELAY = 0.6  # s, of a delay
 EARLIEST_DELAY = -0.15  # s: x may be stored that much ahead of u
 SHORT_DELAY = 0.05  # s, of a delay that a search from none may miss with a simpler form
-USUAL_LAG = 10.0  # rad/s, from which the search of two equal lags starts
 #: The spectrum of the window sin^4(pi t/T), at multiples of 2 pi / T: its derivatives up to the
 #: third vanish at the ends, enough for equations of order 4.
 WINDOW = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 16.0

@@ -367,13 +367,14 @@ SCOUTS, STAGES = 400, 8  # draws of each proposal, and proposals at the most
 #: Effective draws by dimension that end the search for a proposal, and that one is fitted to:
 #: weights that leave fewer, because few points have them all, are flattened.
 ENOUGH = 20.0
-PARTS, REFITS = 5, (66, 176, 352)  # of mixtures fitted to chains, and steps after each of these
+PARTS = 8  # of mixtures fitted to chains
+#: Steps of a run before it is looked at, by the mixtures fitted before it, and the share of its
+#: moves that do not depend on the walkers: where these are followed badly, the others are better.
+RUNS = ((44, 0.9), (66, 0.9), (176, 0.6), (352, 0.6), (352, 0.6), (352, 0.6))
 SLOW = 12.0  # autocorrelation time [steps] from which on another mixture is worth its time
 
 ENSEMBLES, WALKERS = 2, 24  # independent ensembles, and walkers of each at least
-INDEPENDENT = 0.9  # share of the moves that do not depend on the walkers
 JUMPS = 0.1  # share of the differential moves that go from one mode to another
-FIRST = 44  # steps before the first look at the run
 SETTLED = 2.0  # autocorrelation times that are thrown away at the start
 LONG = 5.0  # autocorrelation times that a run has at least: a shorter one does not know them
 WINDOW = 5.0  # autocorrelation times over which correlations are summed (Sokal 1997)
@@ -561,43 +562,48 @@ def sample(
         drawn = proposal.draw(rng, len(walkers))
         return drawn, proposal.log_density(walkers) - proposal.log_density(drawn)
 
-    moves = [
-        (emcee.moves.MHMove(independent), INDEPENDENT),
-        (emcee.moves.DEMove(), (1.0 - JUMPS) * (1.0 - INDEPENDENT)),
-        (emcee.moves.DEMove(gamma0=1.0), JUMPS * (1.0 - INDEPENDENT)),
-    ]
     count = max(WALKERS, 2 * centre.size + 2)
-    runs = []
-    for _ in range(ENSEMBLES):
-        sampler = emcee.EnsembleSampler(
+
+    def sampler_of(share: float) -> emcee.EnsembleSampler:
+        moves = [
+            (emcee.moves.MHMove(independent), share),
+            (emcee.moves.DEMove(), (1.0 - JUMPS) * (1.0 - share)),
+            (emcee.moves.DEMove(gamma0=1.0), JUMPS * (1.0 - share)),
+        ]
+        return emcee.EnsembleSampler(
             count, centre.size, posterior.log_density, moves=moves, vectorize=True
         )
+
+    states = []
+    for _ in range(ENSEMBLES):
         start = points[rng.choice(len(points), count, p=weights)]
         seed = np.random.RandomState(int(rng.integers(2**32))).get_state()
-        runs.append((sampler, emcee.State(start, random_state=seed)))
-    done, target, refits = 0, min(FIRST, most), 0
+        states.append(emcee.State(start, random_state=seed))
+    refits, done, target = 0, 0, 0
     while True:
-        for i, (sampler, state) in enumerate(runs):
-            # emcee would refuse walkers that start close to a line; differential evolution
-            # copes with the narrow valleys that pilots have.
-            end = sampler.run_mcmc(state, target - done, skip_initial_state_check=True)
-            runs[i] = (sampler, end)
+        if not done:
+            steps, share = RUNS[refits]
+            samplers, target = [sampler_of(share) for _ in states], min(steps, most)
+        # emcee would refuse walkers that start close to a line; differential evolution
+        # copes with the narrow valleys that pilots have.
+        states = [
+            sampler.run_mcmc(state, target - done, skip_initial_state_check=True)
+            for sampler, state in zip(samplers, states, strict=True)
+        ]
         done = target
-        draws = _drawn(posterior, [sampler for sampler, _ in runs], effective)
+        draws = _drawn(posterior, samplers, effective)
         if draws.converged or done >= most:
             return draws
         times = float(np.max(draws.autocorrelation))
-        if refits < len(REFITS) and times > SLOW:
-            chains = np.concatenate([sampler.get_chain(flat=True) for sampler, _ in runs])
+        if refits + 1 < len(RUNS) and times > SLOW:
+            chains = np.concatenate([sampler.get_chain(flat=True) for sampler in samplers])
             every = np.full(len(chains), 1.0 / len(chains))
             proposal = fitted(chains, every, np.cov(chains.T), PARTS, rng)
-            for sampler, _ in runs:
-                sampler.reset()
-            done, target, refits = 0, min(REFITS[refits], most), refits + 1
+            refits, done = refits + 1, 0
             continue
         # A short run underestimates its autocorrelation time.
         kept = max(LONG, effective / (ENSEMBLES * count)) * times
-        target = min(most, max(done + FIRST // 2, math.ceil(1.15 * kept + SETTLED * times)))
+        target = min(most, max(done + RUNS[0][0] // 2, math.ceil(1.15 * kept + SETTLED * times)))
 
 
 def _drawn(posterior: Posterior, samplers: list, effective: float) -> Draws:  # type: ignore[type-arg]
