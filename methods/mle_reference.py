@@ -38,9 +38,8 @@ from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.loops import is_stable
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.intervals import covariance_of, profile_intervals
+from pilotid.solve.intervals import covariance_of, errors_from, profile_intervals
 from pilotid.solve.least_squares import minimise
-from pilotid.support.numbers import CHI_SQUARED_95
 
 
 @dataclass(frozen=True)
@@ -105,11 +104,10 @@ class MLEReference(LikelihoodSettings):
         estimate = make_estimate(
             self.name, recording, model, end.values[0], covariance, converged=bool(end.converged[0])
         )
-        length = np.diff(profile.intervals, axis=1)[:, 0]
         return replace(
             estimate,
             intervals=profile.intervals,
-            errors=length / (2.0 * CHI_SQUARED_95**0.5),
+            errors=errors_from(end.values[0], profile.intervals),
             iterations=optimum.iterations + end.iterations,
             starts=optimum.starts,
             remnant=optimum.remnant,

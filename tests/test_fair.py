@@ -20,7 +20,7 @@ from pilotid.study.study import Study
 from pilotid.study.table import Comparison, judge
 
 SCENARIOS = ("nominal", "population-usual")
-WIDE = 0.35  # relative standard error at which the adversaries give up
+WIDE = 1.5  # relative standard error at which the adversaries give up
 
 
 def is_wide(estimate: Estimate) -> bool:

@@ -20,7 +20,12 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.element import element_named
-from pilotid.solve.intervals import covariance_at_bounds, find_profile_end, profile_intervals
+from pilotid.solve.intervals import (
+    covariance_at_bounds,
+    errors_from,
+    find_profile_end,
+    profile_intervals,
+)
 from pilotid.solve.least_squares import Box, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, Z95
 from pilotid.support.types import FloatArray
@@ -136,9 +141,12 @@ def test_profile_intervals_beside_a_parameter_at_its_bound() -> None:
     # Of b: the deviance is (1 - .64)(b - 3)^2 down to the lower end.
     np.testing.assert_allclose(found[1], [3.0 - np.sqrt((1.44 + CHI_SQUARED_95) / 0.36), 1.0])
     held = np.array([False, True])
-    covariance = covariance_at_bounds(gram(minimum.values)[0, :2, :2], held, found)
-    length = np.diff(found, axis=1)[:, 0]
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), length / (2.0 * Z95))
+    # The interval of b has one side alone.
+    errors = errors_from(minimum.values[0], found)
+    np.testing.assert_allclose(errors, np.diff(found)[:, 0] / (Z95 * np.array([2.0, 1.0])))
+    covariance = covariance_at_bounds(gram(minimum.values)[0, :2, :2], held, errors)
+    assert covariance is not None
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), errors)
     assert covariance[0, 1] == 0.0
 
 

@@ -20,7 +20,13 @@ import numpy as np
 from pilotid.estimate.estimate import Estimate, is_at_bound
 from pilotid.likelihood.optimum import Optimum
 from pilotid.model.factors import Neuromuscular
-from pilotid.solve.intervals import Profile, covariance_at_bounds, covariance_of, profile_intervals
+from pilotid.solve.intervals import (
+    Profile,
+    covariance_at_bounds,
+    covariance_of,
+    errors_from,
+    profile_intervals,
+)  # fmt: skip
 from pilotid.solve.least_squares import Bounds, Box, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO, Z95
 from pilotid.support.types import FloatArray
@@ -78,9 +84,8 @@ def with_profile(estimate: Estimate, optimum: Optimum, profile: Profile) -> Esti
     intervals = _holding(intervals, optimum.competing)
     # The length of an interval tells the scatter of skewed estimates; the likelihood's
     # curvature at its maximum, from which the covariance is, only the middle of it.
-    length = np.diff(intervals, axis=1)[:, 0]
     factor = optimum.variance_factor * optimum.element_factor
-    errors = length / (2.0 * np.sqrt(sought / factor))
+    errors = errors_from(estimate.values, intervals, np.sqrt(sought / factor))
     estimate = replace(
         estimate,
         intervals=intervals,
@@ -90,7 +95,9 @@ def with_profile(estimate: Estimate, optimum: Optimum, profile: Profile) -> Esti
     if not at_bound.any():
         return estimate
     information = np.asarray(np.linalg.inv(covariance))
-    inside = covariance_at_bounds(information, at_bound, profile.intervals)
+    inside = covariance_at_bounds(
+        information, at_bound, errors_from(estimate.values, profile.intervals)
+    )
     return estimate if inside is None else replace(estimate, covariance=inside)
 
 

@@ -27,7 +27,7 @@ from pilotid.likelihood.prediction import Prediction
 from pilotid.likelihood.remnant_models import Whitener
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.intervals import covariance_of, profile_intervals
+from pilotid.solve.intervals import covariance_of, errors_from, profile_intervals
 from pilotid.solve.least_squares import Problem, minimise, search
 from pilotid.support.numbers import Z95, chi_squared_limit
 from pilotid.support.types import FloatArray
@@ -129,21 +129,32 @@ def second_step(
             f"the {len(model.parameters)} parameters of model {model.name}",
         )
     minima = search(problem.gram, model, rng, known=known, candidates=12, refined=4)
-    end = minimise(problem.gram, minima.values[:1], model)
-    values = end.values[0]
-    cost = float(end.cost[0])
-    # The standardised residuals' variance is 1 unless it is clearly larger.
-    clear = freedom > 0 and cost > chi_squared_limit(freedom, 1e-3)
-    variance = cost / freedom if clear else 1.0
-    covariance = covariance_of(end.gram[0, :-1, :-1], variance)
-    if covariance is None:
-        return failed(name, model, Outcome.SINGULAR)
+    better = minima.values[:1]
+    for _ in range(3):
+        end = minimise(problem.gram, better, model)
+        cost = float(end.cost[0])
+        # The standardised residuals' variance is 1 unless it is clearly larger.
+        clear = freedom > 0 and cost > chi_squared_limit(freedom, 1e-3)
+        variance = cost / freedom if clear else 1.0
+        covariance = covariance_of(end.gram[0, :-1, :-1], variance)
+        if covariance is None:
+            return failed(name, model, Outcome.SINGULAR)
+        # Other ends of the search may be as likely.
+        profile = profile_intervals(
+            problem.gram, model, end, variance, len(covariance), others=minima.values
+        )
+        if profile.better is None:
+            break
+        better = profile.better[None]
+    assert covariance is not None
     estimate = make_estimate(
-        name, recording, model, values, covariance, converged=bool(end.converged[0])
+        name, recording, model, end.values[0], covariance, converged=bool(end.converged[0])
     )
+    errors = errors_from(end.values[0], profile.intervals)
     return replace(
         estimate,
-        intervals=profile_intervals(problem.gram, model, end, variance, len(values)).intervals,
+        intervals=profile.intervals,
+        errors=errors if (errors > 0.0).all() else None,
         iterations=minima.iterations + end.iterations,
         starts=starts_of(minima),
         frequency_response=response,
@@ -181,7 +192,7 @@ def against_recording(
         return estimate
     end = moved(estimate.values, prediction, rng)
     bias = end - estimate.values
-    errors = np.abs(bias) / estimate.std_error
+    errors = np.abs(bias) / np.sqrt(np.diag(estimate.covariance))
     worst = int(np.argmax(errors))
     _, bounds = outcome_of(estimate.model, end, converged=True)
     message = ""
@@ -197,6 +208,7 @@ def against_recording(
     return replace(
         estimate,
         covariance=estimate.covariance + np.outer(bias, bias),
+        errors=np.hypot(estimate.std_error, bias),
         intervals=np.clip(
             estimate.values[:, None] + wider,
             np.minimum(estimate.model.lower, estimate.values)[:, None],

@@ -44,14 +44,31 @@ def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
     return np.asarray(variance * inverse / np.outer(scale, scale))
 
 
+def errors_from(
+    values: FloatArray, intervals: FloatArray, reach: float | FloatArray = Z95
+) -> FloatArray:
+    """Standard errors that intervals about values tell, shape (parameters,).
+
+    Parameters
+    ----------
+    values, intervals
+        Shapes (parameters,) and (parameters, 2).  An interval that ends at its value, at a bound,
+        has one side.
+    reach
+        Standard errors on each side.
+    """
+    sides = np.abs(intervals - values[:, None])
+    both = sides.min(axis=1) > 1e-6 * sides.max(axis=1)
+    return np.asarray(sides.sum(axis=1) / (reach * np.where(both, 2.0, 1.0)))
+
+
 def covariance_at_bounds(
-    hessian: FloatArray, bounded: BoolArray, intervals: FloatArray
+    hessian: FloatArray, bounded: BoolArray, errors: FloatArray
 ) -> FloatArray | None:
     """Covariance of an estimate of which some parameters lie at bounds, None if it is singular.
 
     There the inverse of the information tells nothing: it lets the parameters pass their
-    bounds.  Standard errors are those of which the profile intervals would be 3.92; correlations
-    are those of the parameters inside, given the others.
+    bounds.  Correlations are those of the parameters inside, given the others.
 
     Parameters
     ----------
@@ -59,17 +76,16 @@ def covariance_at_bounds(
         Inner products J'J, shape (parameters, parameters).
     bounded
         Which parameters lie at a bound, shape (parameters,).
-    intervals
-        95 % profile-likelihood intervals, shape (parameters, 2).
+    errors
+        Standard errors, which profile intervals tell, shape (parameters,).
     """
     conditional = np.where(bounded[:, None] | bounded, np.diag(np.diag(hessian)), hessian)
     inverted = _scaled_inverse(conditional)
-    error = np.diff(intervals, axis=1)[:, 0] / (2.0 * Z95)
-    if inverted is None or not (error > 0.0).all():
+    if inverted is None or not (errors > 0.0).all():
         return None
     scaled, _ = inverted
     size = np.sqrt(np.diag(scaled))
-    return np.asarray(scaled * np.outer(error / size, error / size))
+    return np.asarray(scaled * np.outer(errors / size, errors / size))
 
 
 def _scaled_inverse(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
