@@ -48,7 +48,8 @@ def _interval(low: float, high: float, error: float) -> str:
 FORMS: Mapping[str, Callable[..., str]] = {
     **dict.fromkeys(("subjects", "freedom", "df1", "df2", "runs", "failed"), "{:.0f}".format),
     **dict.fromkeys(("p", "p_holm", "wilcoxon_p", "p_corrected"), p_value),
-    **dict.fromkeys(("F", "epsilon", "eta_squared", "effect_size", "vaf"), number),
+    **dict.fromkeys(("F", "effect_size", "vaf"), number),
+    **dict.fromkeys(("epsilon", "eta_squared"), "{:.3f}".format),
     **dict.fromkeys(("difference", "interval_95", "robust_difference", "vaf_mean", "behind"), str),
     "t": "{:.2f}".format,
     "spread": percent,
