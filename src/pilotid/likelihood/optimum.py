@@ -94,9 +94,6 @@ class PilotCheck:
 #: an interval's end.
 COMPETING_CRITERION = 5.0
 
-#: What is told of a search from one start.
-ONE_START = Starts(cost=np.ones(1), agreeing=1)
-
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
@@ -123,7 +120,7 @@ class Optimum:
 
     joint: Likelihood
     end: Minima
-    starts: Starts = ONE_START
+    starts: Starts | None = None
     iterations: int = 0
     check: PilotCheck | None = None
     lines_pilot: Sequence[FloatArray] = ()

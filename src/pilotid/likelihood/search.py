@@ -250,37 +250,26 @@ def _rates(recording: Recording, settings: LikelihoodSettings) -> Iterator[float
 
 
 def wide_enough(first: Optimum) -> bool:
-    """Whether the band holds what the recording tells of the pilot, see `edge_information`.
+    """Whether the band holds what the recording tells of the pilot.
 
-    Filter and decimation reach into the future a little; in a loop that answers at once
-    (position control) the remnant there, which the error shows too, would otherwise bias
-    delays and neuromuscular parameters.  In the likelihood of a band whose loop falls off
-    above it nothing is biased, and information is lost.
+    Near its edge there is no more than a small share of what is known of any parameter.  Filter and
+    decimation reach into the future a little; in a loop that answers at once (position control)
+    the remnant there, which the error shows too, would otherwise bias delays and neuromuscular
+    parameters.  In the likelihood of a band whose loop falls off above it nothing is biased, and
+    information is lost.
     """
     prediction = first.joint.prediction
-    biased = prediction.weighting is None or prediction.weighting.gain_is_flat_above_band
-    most = MAX_EDGE_INFORMATION if biased else MAX_LOST_INFORMATION
-    return edge_information(prediction, first.pilot, first.whitener) <= most
-
-
-def edge_information(prediction: Prediction, pilot: FloatArray, taps: FloatArray) -> float:
-    """Largest share of what is known of a parameter that lies near the band's edge.
-
-    Parameters
-    ----------
-    prediction
-        The prediction in the band.
-    pilot, taps
-        A pilot, shape (parameters,), and the filter that whitens its remnant, shape (taps,).
-    """
-    rows = prediction.row_spectra(pilot[None])[0, :-1] * prediction.filter_response(taps)
+    weighting, omega = prediction.weighting, prediction.s.imag
+    rows = prediction.row_spectra(first.pilot[None])[0, :-1]
     # A step has all frequencies: when it was, the band need not tell in full.
-    rows = np.delete(rows, prediction.model.change, axis=0)
+    rows = np.delete(rows * prediction.filter_response(first.whitener), prediction.model.change, 0)
     power = np.sum(np.abs(rows) ** 2, axis=1)
-    if prediction.weighting is not None:  # a recorder's noise tells nothing
-        power = power * prediction.weighting.weights(prediction.s.imag)
-    upper = prediction.s.imag > 0.6 * np.pi / prediction.dt
-    return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
+    if weighting is not None:  # a recorder's noise tells nothing
+        power = power * weighting.weights(omega)
+    upper = power[:, omega > 0.6 * np.pi / prediction.dt]
+    biased = weighting is None or weighting.gain_is_flat_above_band
+    most = MAX_EDGE_INFORMATION if biased else MAX_LOST_INFORMATION
+    return bool(np.max(np.sum(upper, axis=1) / np.sum(power, axis=1)) <= most)
 
 
 # ------------------------------------------------------------------------------ 2. the sweep
