@@ -12,10 +12,10 @@ from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.signals import Remnant
 from pilotid.estimate.estimate import Outcome, Starts
 from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.optimum import MIN_VAF_RATIO, PilotCheck
+from pilotid.likelihood.optimum import MIN_VAF_RATIO, Optimum, PilotCheck
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.prepare import analysis_band
-from pilotid.likelihood.remnant_models import NOISE_MODELS, criterion
+from pilotid.likelihood.remnant_models import FIRST_NOISE_MODEL, NOISE_MODELS, criterion
 from pilotid.likelihood.search import (
     first_fit,
     group_by_optimum,
@@ -23,6 +23,8 @@ from pilotid.likelihood.search import (
     maxima_from,
     optima,
     sweep,
+    wide_enough,
+    with_remnants,
 )
 from pilotid.methods.mle import MLE
 from pilotid.model.element import position_control
@@ -207,3 +209,16 @@ def test_an_optimum_that_is_no_pilot_did_not_converge(monkeypatch: pytest.Monkey
     assert fit_of(MLE(), NOMINAL).outcome is Outcome.CONVERGED
     monkeypatch.setattr("pilotid.likelihood.optimum.MIN_VAF_RATIO", 2.0)
     assert fit_of(MLE(), NOMINAL).outcome is Outcome.CONTRADICTED
+
+
+def test_a_level_that_a_late_change_never_reaches_does_not_widen_the_band() -> None:
+    scenario = scenario_named("adapting-fast")
+    model, recording = scenario.model, simulate(scenario, np.random.default_rng(1))
+    joint = Likelihood(predict(recording, model, 50.0), FIRST_NOISE_MODEL)
+    ends = with_remnants(joint, scenario.values[None])
+    assert wide_enough(Optimum(joint, ends))
+    late = ends.values.copy()
+    late[0, list(model.change)] = 1e4, 100.0
+    rows = joint.prediction.row_spectra(late[:, : len(model.keys)])[0, :-1]
+    assert np.count_nonzero(~rows.any(axis=(1, 2))) > len(model.change)
+    assert wide_enough(Optimum(joint, replace(ends, values=late)))

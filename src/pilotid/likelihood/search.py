@@ -266,6 +266,7 @@ def wide_enough(first: Optimum) -> bool:
     power = np.sum(np.abs(rows) ** 2, axis=1)
     if weighting is not None:  # a recorder's noise tells nothing
         power = power * weighting.weights(omega)
+    power = power[power.any(axis=1)]  # nothing is known of a level that a late change never reaches
     upper = power[:, omega > 0.6 * np.pi / prediction.dt]
     biased = weighting is None or weighting.gain_is_flat_above_band
     most = MAX_EDGE_INFORMATION if biased else MAX_LOST_INFORMATION
