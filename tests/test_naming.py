@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import linecache
-import pickle
 import subprocess
 import sys
 import types
@@ -31,6 +30,7 @@ from pilotid.support.naming import (
     split_call,
     split_list,
     to_jsonable,
+    unpacked,
     with_settings,
 )
 from pilotid.support.types import InputError
@@ -293,7 +293,7 @@ def test_code_that_was_typed_in_is_told_by_its_source(monkeypatch: pytest.Monkey
     one, other = (f"class Mine:\n    def fit(self):\n        return {n}\n" for n in (1, 2))
     digests = [code_digest(typed(text, f"<cell {n}>")) for n, text in enumerate((one, one, other))]
     assert digests[0] == digests[1] != digests[2]
-    assert pickle.loads(packed(typed(one, "<cell 3>"))).fit() == 1
+    assert unpacked(packed(typed(one, "<cell 3>"))).fit() == 1
     thing = typed(one, "<stdin>")
     del linecache.cache["<stdin>"]
     with pytest.raises(InputError, match="write it to a file"):
@@ -302,7 +302,10 @@ def test_code_that_was_typed_in_is_told_by_its_source(monkeypatch: pytest.Monkey
 
 def test_code_of_a_file_goes_along_to_other_processes(mine: Path) -> None:
     sent = packed(load_object(f"{mine}:Mine(size=5)"))
-    program = "import pickle, sys; print(pickle.load(sys.stdin.buffer).twice)"
+    program = (
+        "import sys; from pilotid.support.naming import unpacked;"
+        "print(unpacked(sys.stdin.buffer.read()).twice)"
+    )
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, input=sent, capture_output=True, check=True)
     assert int(done.stdout) == 10

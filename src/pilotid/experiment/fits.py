@@ -9,7 +9,6 @@ runs it is what stands above the bins beside the line.  All the rest is remnant.
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
@@ -50,7 +49,7 @@ from pilotid.recording.spectra import known_lines
 from pilotid.recording.windows import of_runs, span_of
 from pilotid.support.format import with_bar
 from pilotid.support.jobs import Loss, own_digest, run_tasks
-from pilotid.support.naming import code_digest, digest_of, packed, to_jsonable
+from pilotid.support.naming import code_digest, digest_of, packed, to_jsonable, unpacked
 from pilotid.support.numbers import LEVEL, fit_rng
 from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.store import Rows
@@ -186,7 +185,7 @@ Answer = tuple[Task, Content | None, str]
 def perform(task: Task) -> Answer:
     """Do a task; whatever goes wrong is an answer."""
     try:
-        return task, task.function(task.part, *pickle.loads(task.code)), ""
+        return task, task.function(task.part, *unpacked(task.code)), ""
     except InputError as error:
         return task, None, str(error)
     except Exception as error:

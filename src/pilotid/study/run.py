@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -24,6 +23,7 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.study.table import Fit
 from pilotid.support.jobs import Loss
+from pilotid.support.naming import unpacked
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng, start_rng
 from pilotid.support.remarks import codes_of
 from pilotid.support.store import Key, number
@@ -58,7 +58,7 @@ def run_task(task: Task) -> Fit:
     """Simulate and identify; whatever goes wrong is a result."""
     key, seed = task.key, task.seed
     try:
-        pair: tuple[AnyScenario, Method] = pickle.loads(task.content)
+        pair: tuple[AnyScenario, Method] = unpacked(task.content)
         origin, method = pair
         name, _, replication = key
         shown = recorded(origin, replication)

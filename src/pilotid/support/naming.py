@@ -18,6 +18,7 @@ import inspect
 import io
 import math
 import os
+import pickle
 import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -260,6 +261,8 @@ def to_jsonable(value: object) -> Any:
 
 #: ``file.py:NAME`` or ``package.module:NAME``; a drive letter is no such thing.
 PLACE = re.compile(r"(?P<module>.{2,}):(?P<name>[^\W\d]\w*(\.[^\W\d]\w*)*)", re.DOTALL)
+#: Path and content of modules that are read from a file.
+FILES: dict[str, tuple[str, bytes]] = {}
 #: What numbers depend on: a store notes the versions.
 LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
 #: What is there anyway.
@@ -294,9 +297,7 @@ def _module(where: str) -> ModuleType:
 
 
 def _run(path: str, content: bytes) -> ModuleType:
-    """A file as a module, whose name changes with its content; no other process knows it."""
-    import cloudpickle
-
+    """A file as a module, whose name changes with its content."""
     name = f"pilotid_file_{hashlib.sha256(os.fsencode(path) + content).hexdigest()[:12]}"
     if name not in sys.modules:
         sys.path.append(str(Path(path).parent))  # what lies beside it
@@ -308,21 +309,28 @@ def _run(path: str, content: bytes) -> ModuleType:
         except BaseException:
             del sys.modules[name]
             raise
-        cloudpickle.register_pickle_by_value(module)
+        FILES[name] = path, content
     return sys.modules[name]
 
 
 def packed(thing: object) -> bytes:
     """An object for another process, with the code that no other process could import.
 
-    `pickle.loads` takes it.
-
     Raises
     ------
     InputError
         If it holds what no other process can have, such as an open file.
     """
-    return _pickled(thing)[0]
+    content, _ = _pickled(thing)
+    return pickle.dumps(([file for n, file in FILES.items() if n.encode() in content], content))
+
+
+def unpacked(content: bytes) -> Any:
+    """What `packed` was given."""
+    files, thing = pickle.loads(content)
+    for path, source in files:
+        _run(path, source)
+    return pickle.loads(thing)
 
 
 def _pickled(thing: object) -> tuple[bytes, set[Any]]:
