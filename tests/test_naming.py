@@ -302,11 +302,8 @@ def test_code_that_was_typed_in_is_told_by_its_source(monkeypatch: pytest.Monkey
 
 def test_code_of_a_file_goes_along_to_other_processes(mine: Path) -> None:
     sent = packed(load_object(f"{mine}:Mine(size=5)"))
-    program = (
-        "import sys; from pilotid.support.naming import unpacked;"
-        "print(unpacked(sys.stdin.buffer.read()).twice)"
-    )
-    command = [sys.executable, "-c", program]
+    load = "from pilotid.support.naming import unpacked; import sys; "
+    command = [sys.executable, "-c", f"{load}print(unpacked(sys.stdin.buffer.read()).twice)"]
     done = subprocess.run(command, input=sent, capture_output=True, check=True)
     assert int(done.stdout) == 10
 
