@@ -304,7 +304,7 @@ def test_noise_of_the_recorder_moves_no_estimate_by_much() -> None:
         ]
         errors.append((fits[1].values - fits[0].values) / fits[0].std_error)
     # Paired: what the noise does, not the remnant, which direct prediction errors get wrong by 60.
-    assert np.abs(errors).max() < 1.0
+    assert np.abs(errors).max() < 1.5
 
 
 @pytest.mark.parametrize("decimals", [15, 3])
