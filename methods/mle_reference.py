@@ -32,7 +32,7 @@ import numpy as np
 from pilotid.checks.element_fit import closing_element
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.warnings import varying
-from pilotid.likelihood.diagnostics import Moments, forcing_functions, references
+from pilotid.likelihood.diagnostics import Moments, forcing_functions
 from pilotid.likelihood.estimates import make_estimate
 from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.loops import is_stable
@@ -87,8 +87,7 @@ class MLEReference(LikelihoodSettings):
         if not is_stable(model, values[0], element):
             why = f"the loop of the pilot and {element.name} is unstable: there are no instruments"
             return failed(self.name, model, Outcome.NOT_APPLICABLE, why)
-        reference = references(recording, model, values[0], element)
-        moments = Moments(optimum, recording, reference, values[0])
+        moments = Moments(optimum, recording, element, values[0])
         # The weights of the moments do not move their root, but they say how well it is known.
         values = minimise(moments.gram, values, model).values
         moments.weigh_at(values[0])

@@ -39,8 +39,7 @@ def test_the_jacobian_is_that_of_the_moments() -> None:
     recording = recording_of(NOMINAL)
     method = MLEReference()
     found = maximise_likelihood(recording, NOMINAL.model, np.random.default_rng(1), method)
-    made = references(recording, NOMINAL.model, NOMINAL.values, NOMINAL.element)
-    moments = Moments(found, recording, made, found.pilot)
+    moments = Moments(found, recording, NOMINAL.element, found.pilot)
     rows = moments.rows(found.pilot[None])[0]
     # The residual falls where the prediction rises.
     slopes = -differences(lambda v: moments.rows(v[None])[0, -1], found.pilot, 1e-5 * found.pilot)

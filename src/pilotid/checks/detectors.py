@@ -409,7 +409,8 @@ def _outliers(
     kept = np.ones(wanted.shape, dtype=bool)
     for _ in range(3):
         # One by one, as a table of all of them is large.
-        products = np.array([[np.vdot(a * kept, b) for b in (*columns, wanted)] for a in columns])
+        parts = (column * kept for column in columns)
+        products = np.array([[np.vdot(part, b) for b in (*columns, wanted)] for part in parts])
         products /= np.outer(sizes, [*sizes, 1.0])
         values = np.linalg.lstsq(products[:, :-1], products[:, -1], rcond=1e-13)[0] / sizes
         error = wanted.copy()

@@ -228,6 +228,8 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
     run
         One of its runs alone; None for all.
     """
+    if run is not None and recording.runs == 1:
+        return plant_of(recording)
     rows = slice(None) if run is None else slice(run, run + 1)
     output, control = (_spectrum(recording, signal[rows]) for signal in (recording.x, recording.u))
     forcing = None if recording.fd is None else _spectrum(recording, recording.fd[rows])
@@ -307,10 +309,10 @@ def opposed(recording: Recording) -> Remark | None:
 
     A pilot's response tells nothing: with a negative element he would turn his own sign round.
     """
-    signs = {run: _signs(recording, run) for run in range(recording.runs)}
+    signs = {run: _signs(recording, plant_of(recording, run)) for run in range(recording.runs)}
     known = {run: names for run, names in signs.items() if names is not None}
     # What no run tells may show in all of them together.
-    known = known or {0: _signs(recording, None) or ()}
+    known = known or {0: _signs(recording, plant_of(recording)) or ()}
     wrong = {run: names for run, names in known.items() if names}
     if not wrong:
         return None
@@ -328,12 +330,8 @@ def opposed(recording: Recording) -> Remark | None:
     )
 
 
-def _signs(recording: Recording, run: int | None) -> tuple[str, ...] | None:
-    """The signals of a run whose signs must be turned round for a positive element.
-
-    None if it cannot be told; no run means all of them.
-    """
-    plant = plant_of(recording, run)
+def _signs(recording: Recording, plant: Plant | None) -> tuple[str, ...] | None:
+    """The signals whose signs must be turned round for a positive element; None if untold."""
     if plant is None or (not plant.opposed and abs(plant.polarity) < -ELEMENT.negative):
         return None
     if not plant.opposed:

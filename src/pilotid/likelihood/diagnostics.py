@@ -85,16 +85,22 @@ class Moments(Problem):
     ----------
     optimum
         The optimum of the likelihood: band, weights and whitening filter.
-    recording, reference
-        What was fitted, and the recording whose Jacobian the instruments are.
+    recording, element
+        What was fitted, and the element that closes the loop of its `references`.
     values
-        Parameters at which the prediction errors tell their power, shape (parameters,).
+        Parameters of that loop, at which the prediction errors tell their power, shape
+        (parameters,).
     """
 
     def __init__(
-        self, optimum: Optimum, recording: Recording, reference: Recording, values: FloatArray
+        self,
+        optimum: Optimum,
+        recording: Recording,
+        element: ControlledElement,
+        values: FloatArray,
     ) -> None:
         fitted = optimum.joint.prediction
+        reference = references(recording, fitted.model, values, element)
         # In whole periods what a forcing function leaves at its own lines is zero.
         self._prediction, other = (
             replace(
@@ -162,8 +168,7 @@ def specification_by_instruments(
     if element is None or not is_stable(model, values, element):
         return None
     try:
-        reference = references(recording, model, values, element)
-        moments = Moments(optimum, recording, reference, values)
+        moments = Moments(optimum, recording, element, values)
     except np.linalg.LinAlgError:  # a parameter that no forcing function excites
         return None
     rows = moments.rows(values[None])[0]

@@ -125,8 +125,8 @@ class Prepared:
         Least length of the pre-history [s]; a run-in counts towards it.  None for that which the
         recording names (`Recording.lead_in`).
     fast
-        Whether less than a hundredth of the window is left out, so that transforms of it are fast:
-        large prime factors make them slow.
+        Whether a few of the last samples are left out (at most 4 % of 300, 2.5 % of 500 or more),
+        so that transforms of the window are fast: large prime factors make them slow.
     """
 
     def __init__(

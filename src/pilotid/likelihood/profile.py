@@ -86,11 +86,7 @@ def with_profile(estimate: Estimate, optimum: Optimum, profile: Profile) -> Esti
     # curvature at its maximum, from which the covariance is, only the middle of it.
     factor = optimum.variance_factor * optimum.element_factor
     errors = errors_from(estimate.values, intervals, np.sqrt(sought / factor))
-    estimate = replace(
-        estimate,
-        intervals=intervals,
-        errors=errors if (errors > 0.0).all() else None,
-    )
+    estimate = replace(estimate, intervals=intervals, errors=errors)
     at_bound = is_at_bound(estimate.model, estimate.values)
     if not at_bound.any():
         return estimate

@@ -19,6 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pilotid.checks.element_forms import drive_of
 from pilotid.estimate.estimate import Estimate, Outcome, failed, outcome_of
 from pilotid.estimate.quantities import FrequencyResponse, real_parts
 from pilotid.likelihood.estimates import make_estimate, starts_of
@@ -150,11 +151,10 @@ def second_step(
     estimate = make_estimate(
         name, recording, model, end.values[0], covariance, converged=bool(end.converged[0])
     )
-    errors = errors_from(end.values[0], profile.intervals)
     return replace(
         estimate,
         intervals=profile.intervals,
-        errors=errors if (errors > 0.0).all() else None,
+        errors=errors_from(end.values[0], profile.intervals),
         iterations=minima.iterations + end.iterations,
         starts=starts_of(minima),
         frequency_response=response,
@@ -221,8 +221,7 @@ def output_at_once(recording: Recording) -> str | None:
     """Why lags tell nothing of the pilot: the output follows the control at once."""
     if not np.ptp(recording.x):  # not recorded, or still
         return None
-    control = recording.u if recording.fd is None else recording.u + recording.fd
-    joint = np.corrcoef(control.ravel(), recording.x.ravel())[0, 1]
+    joint = np.corrcoef(drive_of(recording).ravel(), recording.x.ravel())[0, 1]
     if abs(joint) < AT_ONCE:
         return None
     return (

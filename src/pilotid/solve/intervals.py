@@ -46,8 +46,10 @@ def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
 
 def errors_from(
     values: FloatArray, intervals: FloatArray, reach: float | FloatArray = Z95
-) -> FloatArray:
-    """Standard errors that intervals about values tell, shape (parameters,).
+) -> FloatArray | None:
+    """Standard errors that intervals about values tell, None where one has no length.
+
+    The shape is (parameters,).
 
     Parameters
     ----------
@@ -59,11 +61,12 @@ def errors_from(
     """
     sides = np.abs(intervals - values[:, None])
     both = sides.min(axis=1) > 1e-6 * sides.max(axis=1)
-    return np.asarray(sides.sum(axis=1) / (reach * np.where(both, 2.0, 1.0)))
+    errors = np.asarray(sides.sum(axis=1) / (reach * np.where(both, 2.0, 1.0)))
+    return errors if (errors > 0.0).all() else None
 
 
 def covariance_at_bounds(
-    hessian: FloatArray, bounded: BoolArray, errors: FloatArray
+    hessian: FloatArray, bounded: BoolArray, errors: FloatArray | None
 ) -> FloatArray | None:
     """Covariance of an estimate of which some parameters lie at bounds, None if it is singular.
 
@@ -77,11 +80,11 @@ def covariance_at_bounds(
     bounded
         Which parameters lie at a bound, shape (parameters,).
     errors
-        Standard errors, which profile intervals tell, shape (parameters,).
+        Standard errors, which profile intervals tell, see `errors_from`.
     """
     conditional = np.where(bounded[:, None] | bounded, np.diag(np.diag(hessian)), hessian)
     inverted = _scaled_inverse(conditional)
-    if inverted is None or not (errors > 0.0).all():
+    if inverted is None or errors is None:
         return None
     scaled, _ = inverted
     size = np.sqrt(np.diag(scaled))
