@@ -294,17 +294,17 @@ def test_a_narrow_band_is_unbiased_with_the_loop() -> None:
 
 @pytest.mark.long
 def test_noise_of_the_recorder_moves_no_estimate_by_much() -> None:
-    errors = []
+    errors = []  # with one model of the remnant: at a seed the choice between two is a toss-up
     for seed in range(6):
         scenario, noisy = recorded("nominal", seed, noise=1e-3)
         _, clean = recorded("nominal", seed)
         fits = [
-            MLE().fit(each, scenario.model, recording_rng(seed, "starts", 0))
+            MLE(noise=LowPass(2)).fit(each, scenario.model, recording_rng(seed, "starts", 0))
             for each in (clean, noisy)
         ]
         errors.append((fits[1].values - fits[0].values) / fits[0].std_error)
     # Paired: what the noise does, not the remnant, which direct prediction errors get wrong by 60.
-    assert np.abs(errors).max() < 1.5
+    assert np.abs(errors).max() < 1.0
 
 
 @pytest.mark.parametrize("decimals", [15, 3])

@@ -211,8 +211,14 @@ def test_measured_remnant_power_agrees_with_remnant_ratio(scenario: Scenario) ->
 # ------------------------------------------------------------------ scenarios and recordings
 
 
+def test_scenarios_have_the_names_of_the_contract() -> None:
+    names = "nominal single white-remnant disturbance-only target-only disturbance-step target-step"
+    assert set(names.split()) | {f"remnant-0.{g}" for g in range(1, 9)} <= set(SCENARIOS)
+    assert all(SCENARIOS[name].name == name for name in SCENARIOS)
+    assert scenario_named("single") is SCENARIOS["single"]
+
+
 def test_nominal_and_single_scenarios_are_those_of_the_paper() -> None:
-    assert {f"remnant-0.{g}" for g in range(1, 9)} <= {*SCENARIOS}
     for scenario in (SCENARIOS["nominal"], SCENARIOS["single"]):
         assert scenario.element == double_integrator(4.0)
         assert (scenario.target, scenario.disturbance) == (paper_target(), paper_disturbance())

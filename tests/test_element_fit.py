@@ -226,9 +226,11 @@ def test_the_response_of_a_form_is_that_of_its_element_and_of_its_name(form: For
 @pytest.mark.parametrize(
     ("form", "values", "name"),
     [
+        (Form(0), (4.0, 0.0), "4"),
         (Form(2), (0.00012, 0.05), "0.00012exp(-0.05s)/s^2"),
         (Form(0, 2), (64.0, 11.0, -64.0, 0.0), "64/(s^2+11s-64)"),
         (Form(1, 1, zero=True), (-3e-12, -2.0, 5.4, 0.0), "-3e-12(s-2)/(s(s+5.4))"),
+        (Form(0, 0, lags=True), (3000.0, 30.0, 0.0), "3000/((1+s/30)^2)"),
         (Form(1, 0, lags=True), (4.0, 29.8, 0.0), "4/(s(1+s/29.8)^2)"),
     ],
 )

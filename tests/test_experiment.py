@@ -330,8 +330,8 @@ def test_a_coefficient_that_is_poorly_known_weighs_little() -> None:
 def test_every_parameter_of_the_catalogue_has_a_symbol() -> None:
     keys = {key for model in MODELS.values() if not model.changes for key in model.keys}
     assert {key for key in keys if not symbol(key).startswith("$")} == set()
-    names = ("tlead2", "Kvis*tlead", "var_e_target", "own_gain", "")
-    shown = ("$T_{L,2}$", r"$K_v\,T_L$", r"$\sigma^2_{e,t}$", "own_gain", "")
+    names = ("Kvis", "tlead2", "Kvis*tlead", "var_e_target", "own_gain", "")
+    shown = ("$K_v$", "$T_{L,2}$", r"$K_v\,T_L$", r"$\sigma^2_{e,t}$", "own_gain", "")
     assert tuple(map(symbol, names)) == shown
 
 

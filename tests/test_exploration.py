@@ -216,6 +216,7 @@ def test_a_level_that_a_late_change_never_reaches_does_not_widen_the_band() -> N
     model, recording = scenario.model, simulate(scenario, np.random.default_rng(1))
     joint = Likelihood(predict(recording, model, 50.0), FIRST_NOISE_MODEL)
     ends = with_remnants(joint, scenario.values[None])
+    assert wide_enough(Optimum(joint, ends))
     late = ends.values.copy()
     late[0, list(model.change)] = 1e4, 100.0
     rows = joint.prediction.row_spectra(late[:, : len(model.keys)])[0, :-1]

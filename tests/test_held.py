@@ -71,6 +71,7 @@ def test_bounds_are_those_that_are_given() -> None:
         ("fnx=3", "no model here has a parameter fnx"),
         ("fnm", "is not PARAMETER=NUMBER"),
         ("fnm=-1", "cannot be held at -1"),
+        ("fnm=nan", "cannot be held at nan"),
         ("fnm=14..10", "are no bounds"),
     ],
 )

@@ -351,6 +351,7 @@ def test_a_window_for_searches_is_of_a_length_whose_transforms_are_fast(samples:
         for fast in (False, True)
     )
     assert 0.98 * whole.scored < fast.scored <= whole.scored
+    assert fast.first == whole.first
     assert (2 * 3 * 5 * 7 * 11) ** 20 % fast.scored == 0
     np.testing.assert_array_equal(fast.control, whole.control)
 

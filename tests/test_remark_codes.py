@@ -21,6 +21,7 @@ ROOT = Path(__file__).parent.parent
 
 def test_a_remark_is_its_sentence_with_a_code_and_a_grade_and_so_are_copies() -> None:
     assert Remark("drift", "u has an offset").grade == CODES["drift"][0]
+    assert Remark("drift", "u has an offset", "note").grade == "note"
     remark = Remark("drift", "u has an offset", "wrong")
     for other in (remark, copy.deepcopy(remark), pickle.loads(pickle.dumps(remark))):
         assert (other, other.code, other.grade) == ("u has an offset", "drift", "wrong")
