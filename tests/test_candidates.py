@@ -11,8 +11,9 @@ from checks.published import LED, preview_runs
 from golden.golden import POSITION
 from helpers import PILOTS, SINGLE_LOOP, fit_of
 
-from pilotid import identify
+from pilotid import element_named, identify
 from pilotid.datasets import Scenario
+from pilotid.datasets.signals import Remnant
 from pilotid.methods import method_named
 from pilotid.model.loops import are_stable, pilot_on
 from pilotid.support.remarks import codes_of
@@ -57,6 +58,19 @@ def test_what_is_no_pilot_did_not_converge(measured: Path, name: str) -> None:
     recording = preview_runs(measured / "preview-gy", "gy", "fo")
     estimate = identify("mle", recording, name)
     assert not estimate.outcome.usable or estimate.vaf > 40.0
+
+
+def test_a_slow_remnant_that_hides_the_simulated_response_refuses_no_pilot() -> None:
+    slow = Remnant(order=2, frequency=0.1, level=20.0)
+    truth = (0.9, 0.1, 0.2, 12.0, 0.35)
+    element = element_named("3/s")
+    scenario = replace(SINGLE_LOOP, name="slow remnant", remnant=slow, truth=truth, element=element)
+    for fit in (fit_of(method_named("mle"), scenario, i) for i in range(3)):
+        assert fit.outcome.usable
+        assert fit.vaf < 1.0
+        assert np.abs((fit.values - truth) / fit.std_error).max() < 4.0
+        (said,) = (remark for remark in fit.remarks if remark.code == "little-explained")
+        assert said.grade == "note"
 
 
 @pytest.mark.parametrize("method", ["mle", pytest.param("mle-reference", marks=pytest.mark.long)])

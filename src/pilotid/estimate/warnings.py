@@ -11,12 +11,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from pilotid.checks.checks import motionless
+from pilotid.checks.element_fit import closing_element
 from pilotid.estimate.estimate import Estimate, Outcome, at_bounds, is_at_bound
 from pilotid.estimate.quantities import spans_decade
 from pilotid.model.catalogue import fault_of
 from pilotid.model.channel import STEEP
 from pilotid.model.element import parsed_element
 from pilotid.model.factors import Neuromuscular
+from pilotid.model.loops import pilot_on
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.roles import listed
@@ -230,6 +232,7 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
     remarks = [remark_of(remark) for remark in estimate.remarks]
     if not estimate.outcome.usable:
         return tuple(remarks)
+    hidden = explained is not None and explained >= ESTIMATE.surely_explained
     explained = estimate.vaf if explained is None else explained
     if explained < ESTIMATE.least_vaf:
         sentence = (
@@ -241,9 +244,10 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
     if estimate.vaf < ZERO_VAF:
         sentence = (
             "the simulated response explains nothing of the control (VAF 0 %): a slow remnant "
-            "hides it, or the model is wrong; compare with other methods and models"
+            f"hides it{'' if hidden else ', or the model is wrong'}; compare with other methods"
+            f"{'' if hidden else ' and models'}"
         )
-        remarks.append(Remark("little-explained", sentence, "doubt"))
+        remarks.append(Remark("little-explained", sentence, "note" if hidden else "doubt"))
     return (
         *remarks,
         *_steps(estimate),
@@ -263,7 +267,8 @@ def is_vague(estimate: Estimate) -> bool:
 def explained_of_forced(recording: Recording, estimate: Estimate) -> float | None:
     """Share that a model explains [%] of the control at the lines of the forcing functions.
 
-    None for time-varying pilots, and without lines.
+    It is that in its loop with the controlled element, which suppresses a slow remnant, where one
+    is known; None for time-varying pilots, and without lines.
     """
     lines = [] if estimate.model.changes else list(known_lines(recording).values())
     if not lines:
@@ -279,6 +284,11 @@ def explained_of_forced(recording: Recording, estimate: Estimate) -> float | Non
     responses = estimate.model.response(omega, estimate.values)
     for channel, response in zip(estimate.model.channels, responses, strict=True):
         left -= channel.sign * response * at_lines(channel.on)
+    element, _ = closing_element(recording)
+    if element is not None and not estimate.model.no_loop:
+        left /= 1.0 + element.response(omega) * sum(
+            pilot_on(estimate.model, omega, estimate.values)
+        )
     powers = np.sum(np.abs(left) ** 2), np.sum(np.abs(control) ** 2)
     return 100.0 * max(0.0, 1.0 - float(powers[0] / powers[1]))
 

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pilotid.estimate.estimate import Starts
+from pilotid.estimate.estimate import Starts, is_at_bound
 from pilotid.estimate.quantities import AnalysedBand, RemnantEstimate
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction
@@ -46,8 +46,8 @@ class PilotCheck:
     """Which parameters can be those of a pilot: the recorded loop was stable.
 
     A model that predicts the control as the inverse of the controlled element does has a high
-    likelihood; its loop with the element is unstable, or so near to it that its simulated response
-    explains nothing of the control, or far less than that of the pilot of the forcing lines.
+    likelihood; its loop with the element is unstable, or so near to it that it explains nothing of
+    the control, or far less than the pilot of the forcing lines.
 
     Parameters
     ----------
@@ -61,25 +61,37 @@ class PilotCheck:
     def __init__(self, coarse: Prediction, lines: FloatArray) -> None:
         self._coarse = coarse
         self._total = float(np.sum(coarse.samples_of(coarse.control_spectrum) ** 2))
-        self.least = MIN_VAF_RATIO * float(self.explained(lines)[0]) if len(lines) else 0.0
+        self.least = MIN_VAF_RATIO * float(np.max(self.explained(lines))) if len(lines) else 0.0
 
     def explained(self, sets: FloatArray) -> FloatArray:
-        """Share of the control that simulated responses explain, shape (sets,).
+        """Shares of the control that parameters explain, shape (2, sets).
+
+        They are those of the simulated response to what was recorded, and of the response to the
+        forcing functions in the loop: a loop suppresses a slow remnant, which hides the former,
+        and amplifies one near its crossover.  The former stands for both where no element is known.
 
         Parameters
         ----------
         sets
             Parameters of the pilot, shape (sets, parameters).
         """
-        left = self._coarse.samples_of(self._coarse.residual_spectra(sets))
-        return np.asarray(1.0 - np.sum(left**2, axis=(1, 2)) / self._total)
+        coarse = self._coarse
+        alone = coarse.residual_spectra(sets)
+        closed = alone
+        if coarse.weighting is not None:
+            closed = alone / coarse.loop_at(coarse.s.imag).residual_spectra(sets)
+        left = np.array([coarse.samples_of(alone), coarse.samples_of(closed)])
+        return np.asarray(1.0 - np.sum(left**2, axis=(2, 3)) / self._total)
 
     def __call__(self, sets: FloatArray) -> BoolArray:
         """Which parameters pass, the pilot's first, shape (sets,)."""
         model, weighting = self._coarse.model, self._coarse.weighting
         pilots = sets[:, : len(model.parameters)]
-        explained = self.explained(pilots)
-        passed = (explained > 0.0) & (explained >= self.least)
+        alone, closed = self.explained(pilots)
+        best = np.maximum(alone, closed)
+        passed = (best > 0.0) & (best >= self.least)
+        # Ends at bounds are no pilots that a slow remnant hides (subject gy with `pursuit`).
+        passed &= (alone > 0.0) | ~is_at_bound(model, pilots).any(axis=1)
         if weighting is not None:
             passed &= are_stable(model, pilots, weighting.element)
         return np.asarray(passed)

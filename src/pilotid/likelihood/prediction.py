@@ -275,13 +275,19 @@ class Prediction:
 
     @cached_property
     def loop(self) -> Prediction:
+        """`loop_at` the groups of bins of `band_terms` that count."""
+        assert self.band_terms is not None
+        return self.loop_at(self.band_terms.omega[: self.band_terms.counting])
+
+    def loop_at(self, omega: FloatArray) -> Prediction:
         """A prediction whose residual is 1 + L(jw), so that its rows are the slopes of the loop.
 
-        It is that in the groups of bins of `band_terms` that count, of one run.
+        Parameters
+        ----------
+        omega
+            Frequencies [rad/s], shape (bins,).
         """
         assert self.weighting is not None
-        assert self.band_terms is not None
-        omega = self.band_terms.omega[: self.band_terms.counting]
         s = np.asarray(1j * omega, dtype=complex)
         plant = self.weighting.element.response(omega)
         spectra = tuple(

@@ -54,7 +54,6 @@ class SignalLimits(NamedTuple):
     at_extreme: float = 0.06  # share of the samples at the largest or smallest value (.044)
     drift: float = 2.0  # of u over a run of 82 s, in standard deviations of what is left
     own_trend: float = 0.1  # share of a trend that the signals of the loop must leave to be told
-    offset: float = 4.0  # standard errors of the mean of u (1.4)
     identity: float = 0.01  # rms of e - (ft - x) over that of e, but for noise (3e-6)
     noise: float = 0.1  # the same with the noise that channels recorded apart have
     shown: float = 0.5  # share of the target's fast lines that the error must show
@@ -111,7 +110,11 @@ class EstimateLimits(NamedTuple):
     covariance: float = 0.12  # least variance of a score in units of its own (360 sound fits)
     dispersed: float = 0.01  # how seldom a constant pilot's scores may count as dispersed
     segment: float = 8.0  # s, of the segments whose scores are compared
-    lags: int = 40  # samples of the band over which prediction errors must not be correlated
+    #: Lags over which prediction errors must not be correlated, in samples of a band up to so many
+    #: rad/s: above, the remnant had another form than any model of it in 10 of 57 sound fits (steps
+    #: and noise as forcing functions).
+    lags: int = 40
+    whitened_to: float = 50.0
     #: Share of samples at which u keeps its value, or one value, from which on that is no
     #: accident; a recording to 16 bits of the stick's range keeps it in .001.
     held: float = 0.02
@@ -121,6 +124,8 @@ class EstimateLimits(NamedTuple):
     #: VAF [%] below which a model explains next to nothing: of 110 recordings of human pilots the
     #: least has 34 %; with the control recorded a second late the best fit has 12 %.
     least_vaf: float = 20.0
+    #: % of the control at the forcing lines that a model explains whose VAF a slow remnant hides.
+    surely_explained: float = 50.0
     vague: float = 0.25  # standard error over value of a parameter that is poorly identified
     shortest_delay: float = 0.1  # s, of people who track
     #: s, a delay that is none whatever its interval holds: of 1,268 simulated fits nine are below,
