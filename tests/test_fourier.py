@@ -27,8 +27,8 @@ from pilotid.methods.fourier import Fourier
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.channel import Channel
 from pilotid.model.model import PilotModel
-from pilotid.recording.recording import Recording
-from pilotid.recording.spectra import NotMultisineError, forcing_lines
+from pilotid.recording.recording import ABSENT, Recording
+from pilotid.recording.spectra import NotMultisineError, forcing_lines, hidden_lines
 from pilotid.spectral.coefficients import coefficients_of
 from pilotid.spectral.equations import Equations
 
@@ -210,7 +210,27 @@ def two_on_error() -> PilotModel:
 
 
 def no_forcing(recording: Recording) -> Recording:
-    return replace(recording, ft=None, fd=None, lines={})
+    return replace(recording, ft=None, fd=None, lines={}, origin={"x": ABSENT})
+
+
+def test_lines_of_forcing_functions_that_were_not_recorded() -> None:
+    whole = replace(noisy(), lines={})
+    without_target = replace(whole, ft=None)
+    assert forcing_lines(without_target)["ft"].tolist() == forcing_lines(whole)["ft"].tolist()
+    noise = 0.01 * np.random.default_rng(1).standard_normal(whole.e.shape)
+    assert list(forcing_lines(replace(without_target, e=whole.e + noise))) == ["fd"]
+    alone, lines = replace(whole, fd=None), {*forcing_lines(whole)["fd"].tolist()}
+    found = lines & {*hidden_lines(alone).tolist()}
+    assert len(found) > 0.4 * len(lines)  # the others do not stand out of the remnant
+    bins = coefficients_of(alone, SINGLE, 16, 1).omega * whole.duration / (2.0 * np.pi)
+    assert not found & {*bins.round().astype(int).tolist()}
+
+
+def test_images_of_lines_in_a_target_that_was_held_are_no_lines() -> None:
+    whole = replace(noisy(), lines={})
+    held = np.repeat(whole.ft[:, ::4], 4, axis=1)[:, : whole.ft.shape[1]]
+    lines = forcing_lines(replace(whole, ft=held))["ft"]
+    assert lines.tolist() == forcing_lines(whole)["ft"].tolist()
 
 
 @pytest.mark.parametrize(

@@ -10,16 +10,19 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.recording.recording import Recording, remembered
+from pilotid.recording.recording import ABSENT, Recording, remembered
 from pilotid.support.types import ComplexArray, FloatArray, IntArray
 
 #: A bin is a line if its amplitude is at least this share of the largest one.
 SMALLEST = 1e-3
 SAME = 0.02  # e + x below this share of e is no target
+#: rad/s below which the lines of forcing functions for people are; above lie the images of lines
+#: where a signal was held between samples.
+FASTEST_LINE = 50.0
 #: A multisine leaves most of the bins between its first and last line to the remnant.
 CROWDED = 0.34
 #: A run has a line if its amplitude is at least this share of the root mean square over the runs.
@@ -28,6 +31,9 @@ ALIKE = 0.1  # share in which a line of both functions may go together over the 
 FEWEST_LINES = 5  # lines of a target that tell which signal is which
 MEDIAN = 0.64  # of the power of eight bins of noise less their own median, over its mean
 BESIDE = 8  # bins beside a line that tell leakage and noise in it
+#: Times the median beside it from which a bin of one run is a line.  Of bins of noise one in 1,024
+#: is: without them its power is .8 % less.
+HIDDEN = 10.0
 LOUD = 4.0  # times the noise from which a line of one run stands out
 #: Shares of half the sampling rate between which the floor is measured.
 FLOOR_FROM, FLOOR_TO = 0.6, 0.95
@@ -71,9 +77,20 @@ def known_lines(recording: Recording) -> dict[str, IntArray]:
         return {}
 
 
+def forcing_of(recording: Recording, name: str) -> FloatArray | None:
+    """A forcing function, shape (runs, run-in + samples); None if it is not known.
+
+    A target that was not recorded is e + x.
+    """
+    if name != "ft" or recording.ft is not None or recording.origin.get("x") == ABSENT:
+        return recording.arrays.get(name)
+    target = recording.input("ft")
+    return target if float(np.std(target)) > SAME * float(np.std(recording.e)) else None
+
+
 def lines_of(recording: Recording, name: str) -> IntArray:
     """The lines of one forcing function, see `forcing_lines`; none if it does not force."""
-    given, forcing = recording.lines.get(name), getattr(recording, name)
+    given, forcing = recording.lines.get(name), forcing_of(recording, name)
     if given:
         lines = np.unique(np.array(given, dtype=int))
         if lines[0] < 1 or lines[-1] >= recording.samples / 2:
@@ -84,13 +101,16 @@ def lines_of(recording: Recording, name: str) -> IntArray:
     if forcing is None:
         return np.zeros(0, dtype=int)
     signal = recording.window(forcing)
-    power = np.mean(np.abs(np.fft.rfft(signal)[:, 1:-1]) ** 2, axis=0)
+    top = min(math.ceil(FASTEST_LINE * recording.duration / (2.0 * math.pi)), signal.shape[1] // 2)
+    power = np.mean(np.abs(np.fft.rfft(signal)[:, 1:top]) ** 2, axis=0)
     # A constant leaves rounding errors.
     if power.max() <= (1e-12 * signal.shape[1] * np.max(np.abs(signal), initial=0.0)) ** 2:
         return np.zeros(0, dtype=int)
     lines = 1 + np.flatnonzero(power >= SMALLEST**2 * power.max())
     rest = power.sum() - power[lines - 1].sum()
     if lines.size > max(2.0, CROWDED * lines[-1]) or rest > 1e-3 * power.sum():
+        if getattr(recording, name) is None:
+            return np.zeros(0, dtype=int)
         raise NotMultisineError(
             f"{name} is no multisine with whole periods in the measurement window: "
             f"{lines.size} of the {lines[-1]} bins up to its highest hold power"
@@ -98,12 +118,23 @@ def lines_of(recording: Recording, name: str) -> IntArray:
     return lines
 
 
+@remembered
+def hidden_lines(recording: Recording) -> IntArray:
+    """Bins of the control that stand out of those beside them: lines of what was not recorded."""
+    power = np.mean(np.abs(np.fft.rfft(recording.window(recording.u))) ** 2, axis=0)
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(power, BESIDE, mode="reflect"), 2 * BESIDE + 1
+    )
+    least = np.median(around, axis=1) * (1.0 + (HIDDEN - 1.0) / np.sqrt(recording.runs))
+    return np.flatnonzero(power > np.maximum(least, SMALLEST**2 * power.max()))
+
+
 def coefficients_at(recording: Recording, name: str, lines: IntArray) -> ComplexArray | None:
     """Transform of a forcing function at its lines in each run, shape (runs, lines).
 
     Zero where a run does not have the line; None where the function was not recorded.
     """
-    forcing = getattr(recording, name)
+    forcing = forcing_of(recording, name)
     if forcing is None:
         return None
     transform = np.fft.rfft(recording.window(forcing))[:, lines]
@@ -151,22 +182,18 @@ def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:
     """The forcing functions as sums of sines, plain objects by signal.
 
     Amplitudes are root mean squares over the runs, phases at the start of the window those of the
-    first; ``alternating`` says whether every other run has the other sign.  A target that was not
-    recorded is e + x.  Runs with different lines have no functions in common: there are none.
+    first; ``alternating`` says whether every other run has the other sign.  Runs with different
+    lines have no functions in common: there are none.
 
     Raises
     ------
     NotMultisineError
         If a forcing function is not periodic in the window, or no sum of a few sines.
     """
-    target = recording.input("ft")
-    quiet = float(np.std(target)) <= SAME * float(np.std(recording.e))
-    if recording.ft is None and not quiet:
-        recording = replace(recording, ft=target)
     sines: dict[str, dict[str, object]] = {}
     every = forcing_lines(recording)
     for name, lines in every.items() if len(same_lines(recording)) == 1 else ():
-        signal = getattr(recording, name)
+        signal = forcing_of(recording, name)
         if signal is None:
             continue
         phasors = 2j * np.fft.rfft(recording.window(signal))[:, lines] / recording.samples
@@ -228,7 +255,7 @@ def _beside(
     """Transforms at lines, shape (runs, lines), and at the bins beside each, a third axis."""
     spectrum = np.fft.rfft(recording.window(signal))
     free = np.ones(spectrum.shape[1], dtype=bool)
-    free[np.concatenate([[0], *every.values()])] = False
+    free[np.concatenate([[0], hidden_lines(recording), *every.values()])] = False
     between = np.flatnonzero(free)
     # The nearest are among so many on either side.
     first = np.searchsorted(between, lines) - BESIDE

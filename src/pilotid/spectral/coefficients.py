@@ -9,7 +9,7 @@ import numpy as np
 from pilotid.estimate.quantities import FrequencyResponse, circular
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.recording.spectra import coefficients_at, forcing_lines
+from pilotid.recording.spectra import coefficients_at, forcing_lines, hidden_lines
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 #: Bins beside each line that tell leakage and power, and the order of the polynomial that leakage
@@ -248,10 +248,11 @@ def coefficients_of(
     by_signal = forcing_lines(recording)
     lines = np.concatenate(list(by_signal.values()))
     disturbance = np.concatenate([np.full(v.size, k == "fd") for k, v in by_signal.items()])
+    hidden = hidden_lines(recording)
     # The nearest bins without a line are no farther than if lines filled all before them.
-    reach = neighbours + lines.size
+    reach = neighbours + lines.size + hidden.size
     close = np.unique(lines[:, None] + np.arange(-reach, reach + 1))
-    between = np.setdiff1d(close[(close > 0) & (close < recording.samples // 2)], lines)
+    between = np.setdiff1d(close[(close > 0) & (close < recording.samples // 2)], [*lines, *hidden])
     away = np.abs(between - lines[:, None])
     nearest = np.sort(np.argsort(away, axis=1, kind="stable")[:, :neighbours], axis=1)
     used, index = np.unique(nearest, return_inverse=True)
