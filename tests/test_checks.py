@@ -119,7 +119,6 @@ PLANTED: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
     "a missing-value code": (spoilt, "lost-samples", "u"),
     "u clipped": (clipped, "rounded", "u"),
     "u drifts": (lambda r: replace(r, u=r.u + 0.01 * r.time), "drift", "u"),
-    "u has an offset": (lambda r: replace(r, u=r.u + 0.4 * np.std(r.u)), "drift", "u"),
     "u late by 1 s": (lambda r: delayed(r, 1.0), "late-signal", "u"),
     "sign of e": (lambda r: replace(r, e=-r.e), "wrong-sign", "e"),
     "sign of x": (lambda r: replace(r, x=-r.x), "wrong-sign", "x"),

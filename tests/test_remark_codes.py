@@ -20,11 +20,11 @@ ROOT = Path(__file__).parent.parent
 
 
 def test_a_remark_is_its_sentence_with_a_code_and_a_grade_and_so_are_copies() -> None:
-    assert Remark("drift", "u has an offset").grade == CODES["drift"][0]
-    assert Remark("drift", "u has an offset", "note").grade == "note"
-    remark = Remark("drift", "u has an offset", "wrong")
+    assert Remark("drift", "u drifts").grade == CODES["drift"][0]
+    assert Remark("drift", "u drifts", "note").grade == "note"
+    remark = Remark("drift", "u drifts", "wrong")
     for other in (remark, copy.deepcopy(remark), pickle.loads(pickle.dumps(remark))):
-        assert (other, other.code, other.grade) == ("u has an offset", "drift", "wrong")
+        assert (other, other.code, other.grade) == ("u drifts", "drift", "wrong")
 
 
 def test_plain_sentences_have_a_code_as_well() -> None:
@@ -51,7 +51,7 @@ def test_an_unknown_code_is_refused_with_the_nearest() -> None:
 
 def test_ignored_warnings_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording = simulate("single", 1)
-    save_recording(replace(recording, u=recording.u + 3.0), tmp_path / "run.csv")
+    save_recording(replace(recording, u=recording.u + 0.05 * recording.time), tmp_path / "run.csv")
     for command in ("check", "fit"):
         codes = {}
         for extra in ([], ["--ignore", "drift"]):

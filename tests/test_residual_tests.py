@@ -31,7 +31,8 @@ pytestmark = pytest.mark.numerical
 @pytest.mark.parametrize("counting", [401, 200])
 def test_the_portmanteau_of_white_errors_is_chi_squared(counting: int) -> None:
     rng, weights = np.random.default_rng(3), np.sign(np.arange(float(counting)))
-    found = [portmanteau(rng.standard_normal((2, 800)), weights, 30) for _ in range(300)]
+    lags = np.arange(1, 31)
+    found = [portmanteau(rng.standard_normal((2, 800)), weights, lags) for _ in range(300)]
     statistics, freedom = np.transpose(found)
     assert np.all(freedom == freedom[0])
     assert freedom[0] <= 30
@@ -143,8 +144,9 @@ def test_prediction_errors_are_those_of_the_likelihood() -> None:
 
 def test_without_a_model_of_the_remnant_one_is_chosen_that_whitens() -> None:
     own = prediction_errors(RECORDING, replace(estimate(), remnant=None))
+    weights = np.ones(own.errors.shape[1] // 2 + 1)
     # 40 lags; the residual itself is far from white.
-    assert portmanteau(own.errors, np.ones(own.errors.shape[1] // 2 + 1), 40)[0] < 100.0
+    assert portmanteau(own.errors, weights, np.arange(1, 41))[0] < 100.0
     assert np.std(own.errors) == pytest.approx(
         np.std(prediction_errors(RECORDING, estimate()).errors), rel=0.1
     )

@@ -24,7 +24,6 @@ from pilotid.support.limits import RECORDER, SIGNAL
 from pilotid.support.remarks import Remark, gravest_first
 from pilotid.support.types import FloatArray
 
-BLOCK = 5.0  # seconds whose mean is one observation of an offset
 Found = Iterator[tuple[float, str]]
 NameCheck = Callable[[Recording], Remark | None]
 #: Findings that tell why x seems not to answer to u and fd.
@@ -186,7 +185,7 @@ def _clipped(recording: Recording) -> Found:
 
 @check("drift", 1.0)
 def _drifting(recording: Recording) -> Found:
-    """A trend of the control that no signal of the loop shares, or an offset, is the recorder's."""
+    """A trend of the control that no signal of the loop shares is the recorder's."""
     names = [n for n in ("e", "x", "ft", "fd") if getattr(recording, n) is not None]
     for run in range(recording.runs):
         u = recording.window(recording.u)[run]
@@ -206,18 +205,6 @@ def _drifting(recording: Recording) -> Found:
             f"u drifts by {slope:.3g} over run {run + 1}, "
             f"{abs(slope) / rest:.1f} standard deviations of the rest, and no other signal does: "
             "take it out with --detrend",
-        )
-    # A t-test of the mean, by blocks so long that the remnant forgets itself.
-    length = round(BLOCK / recording.dt)
-    window = recording.window(recording.u)
-    count = window.shape[1] // length
-    blocks = window[:, : count * length].reshape(recording.runs, count, length).mean(axis=2)
-    if blocks.size >= 6:
-        mean, error = float(np.mean(blocks)), float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
-        yield (
-            abs(mean) / max(error, 1e-300) / SIGNAL.offset,
-            f"u has an offset of {mean:.3g}, which biases methods that do not "
-            "model one: take it out with --detrend",
         )
 
 

@@ -31,6 +31,7 @@ from pilotid.support.remarks import GRADES, Grade, Remark
 from pilotid.support.types import FloatArray
 
 LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
+STEADY = 0.8  # share of the differences that a forcing function that steps leaves alone
 BINS_IN_BAND = 10  # bins of all runs in a band, of which its level is told
 
 
@@ -69,7 +70,7 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
         return ()
     with np.errstate(all="ignore"):  # a signal may be of any size
         faults = list(_ends(recording))
-        faults += [*look.lost(faults), *look.steps()]
+        faults += [*look.lost(), *look.steps()]
         if not any(f.code == "lost-samples" for f in faults):
             faults += look.identity()
             faults += look.times(faults)
@@ -90,6 +91,11 @@ def _ends(recording: Recording) -> tuple[Finding, ...]:
 def band_end(recording: Recording) -> float:
     """Frequency above which a filter or an interpolation left nothing of a signal [rad/s]."""
     return 2.0 * math.pi * min((f.usable for f in _ends(recording)), default=math.inf)
+
+
+def is_resampled(recording: Recording, name: str) -> bool:
+    """Whether a signal was recorded at a lower rate, and held or interpolated between."""
+    return any(f.signal == name and f.usable < f.size for f in _ends(recording))
 
 
 class _Look:
@@ -169,12 +175,12 @@ class _Look:
                 unit = self.recording.units.get(name, "")
                 yield Finding("rounded", name, "doubt", step, unit, words)
 
-    def lost(self, faults: Sequence[Finding]) -> Iterator[Finding]:
+    def lost(self) -> Iterator[Finding]:
         """Samples of x lost, repeated or spiked: x cannot be told from its past and its drive."""
         forced = [self.signals[n] for n in ("ft", "fd") if n in self.signals]
         if "x" not in self.signals or any(_is_stepped(signal) for signal in forced):
             return
-        if any(f.signal == "x" and f.usable < f.size for f in faults):  # held or interpolated
+        if is_resampled(self.recording, "x"):
             return
         x, drive = self.signals["x"], self.recording.window(drive_of(self.recording))
         ratio, share, count, run, sample = _outliers(x, drive)
@@ -357,12 +363,23 @@ def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:
         size = np.minimum(size, np.quantile(size, 0.99)).mean(axis=0)
         for step in range(2, min(largest, size.size // 40) + 1):
             whole = size.size // step * step
-            phases = size[:whole].reshape(-1, step).mean(axis=0)
-            mean = float(phases.mean())
-            score = mean / (float(phases.min()) + 1e-12 * float(phases.max()) + 1e-300)
-            scores.append((float(np.mean(phases < mean / 3.0)), -order, -step, score))
+            score, share = _of_phases(size[:whole].reshape(-1, step).mean(axis=0))
+            scores.append((share, -order, -step, score))
     share, order, step, score = max(scores, default=(0.0, 0, 0, 0.0))
+    if not share:
+        return 0.0, 0, 0
+    # A forcing function that steps is no grid: without the largest values it still is one.
+    size = np.abs(np.diff(signal, -order, axis=1)).mean(axis=0)
+    blocks = np.sort(size[: size.size // -step * -step].reshape(-1, -step), axis=0)
+    score, share = _of_phases(blocks[: math.ceil(STEADY * len(blocks))].mean(axis=0))
     return (score, -step, -order) if share else (0.0, 0, 0)
+
+
+def _of_phases(phases: FloatArray) -> tuple[float, float]:
+    """Mean over the smallest of phases, and the share of those far below the mean."""
+    mean = float(phases.mean())
+    score = mean / (float(phases.min()) + 1e-12 * float(phases.max()) + 1e-300)
+    return score, float(np.mean(phases < mean / 3.0))
 
 
 @remembered

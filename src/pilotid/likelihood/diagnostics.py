@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pilotid.checks.detectors import is_resampled, step_of
 from pilotid.checks.element_fit import closing_element
 from pilotid.checks.plant import element_changes, is_gain
 from pilotid.estimate.estimate import Estimate, is_at_bound
@@ -42,7 +43,7 @@ from pilotid.spectral.equations import specification_of
 from pilotid.support.limits import ESTIMATE, RECORDER
 from pilotid.support.numbers import chi_squared_limit, chi_squared_tail
 from pilotid.support.remarks import Remark
-from pilotid.support.types import FloatArray
+from pilotid.support.types import FloatArray, IntArray
 
 # ------------------------------------------------------------------------------------- instruments
 
@@ -262,15 +263,15 @@ def fit_remarks(
     asked_for_band
         Whether the likelihood of a band was asked for.
     """
-    errors = optimum.tested_rows[-1]
+    errors, prediction = optimum.tested_rows[-1], optimum.joint.prediction
     remarks = [
         _not_closed(optimum, recording) if asked_for_band else None,
         _held(recording),
         _changed(optimum) or gains_change(optimum, recording),
         _dispersed(optimum.dispersion),
         _drifting(optimum),
-        coloured(errors, optimum.joint.prediction.band_terms),
-        _answered_at_once(recording, optimum.joint.prediction.model),
+        coloured(errors, prediction.dt, prediction.band_terms),
+        _answered_at_once(recording, prediction.model),
         _slow_lag(optimum),
         _competing(optimum),
     ]
@@ -320,9 +321,11 @@ def _dispersed(dispersion: float) -> Remark | None:
 def _held(recording: Recording) -> Remark | None:
     moves = np.abs(np.diff(recording.window(recording.u), axis=1))
     share = np.mean(moves == 0.0)
-    least = np.min(moves, where=moves > 0.0, initial=np.inf)
-    if share < ESTIMATE.held or np.mean((moves > 0.0) & (moves < 1.9 * least)) > share:
-        return None  # the steps of a converter, taken at every other sample
+    # A converter holds what moves by less than its steps, a recorder what it took more seldom.
+    step, rms = step_of(recording, "u"), float(np.std(recording.window(recording.u)))
+    converted = np.mean(moves) < 2.0 * step <= RECORDER.coarse * rms
+    if share < ESTIMATE.held or converted or is_resampled(recording, "u"):
+        return None
     return Remark(
         "held-control",
         f"u keeps its value at {100.0 * share:.2g} % of the samples: a stick with a breakout "
@@ -442,12 +445,19 @@ def _drifting(optimum: Optimum) -> Remark | None:
     )
 
 
-def coloured(errors: FloatArray, terms: BandTerms | None = None) -> Remark | None:
-    """A remark that prediction errors (runs, samples) are not white, weighted as in a band."""
+def coloured(errors: FloatArray, dt: float, terms: BandTerms | None = None) -> Remark | None:
+    """A remark that prediction errors (runs, samples) are not white, weighted as in a band.
+
+    In bands wider than the default one that is asked of the default band: far above what people
+    do no model of few parameters whitens a remnant, and no estimate is the worse for it.
+    """
     # Of direct prediction errors all frequencies count but the mean, which may be projected out.
     every = np.sign(np.arange(errors.shape[1] // 2 + 1.0))
     weights = every if terms is None else terms.weights
-    statistic, freedom = portmanteau(errors, weights, ESTIMATE.lags)
+    omega = 2.0 * np.pi / (errors.shape[1] * dt) * np.arange(weights.size)
+    weights = np.where(omega <= ESTIMATE.whitened_to, weights, 0.0)
+    apart = max(1, round(np.pi / (ESTIMATE.whitened_to * dt)))
+    statistic, freedom = portmanteau(errors, weights, apart * np.arange(1, ESTIMATE.lags + 1))
     if statistic <= chi_squared_limit(freedom, ESTIMATE.seldom):
         return None
     return Remark(
@@ -458,7 +468,7 @@ def coloured(errors: FloatArray, terms: BandTerms | None = None) -> Remark | Non
     )
 
 
-def portmanteau(errors: FloatArray, weights: FloatArray, lags: int) -> tuple[float, int]:
+def portmanteau(errors: FloatArray, weights: FloatArray, lags: IntArray) -> tuple[float, int]:
     """A statistic of prediction errors that is chi-squared if they are white in a band.
 
     Parameters
@@ -468,7 +478,7 @@ def portmanteau(errors: FloatArray, weights: FloatArray, lags: int) -> tuple[flo
     weights
         Weights of the bins of their transform from rest on, shape (bins,).
     lags
-        Number of lags of the weighted autocovariance, from 1 on.
+        Lags of the weighted autocovariance [samples], shape (lags,).
 
     Returns
     -------
@@ -478,7 +488,7 @@ def portmanteau(errors: FloatArray, weights: FloatArray, lags: int) -> tuple[flo
     power = np.sum(np.abs(np.fft.rfft(errors)[:, : weights.size]) ** 2, axis=0)
     excess = power / float(weights @ power) * float(weights.sum()) * runs - runs
     turn = 2.0 * np.pi / samples * np.arange(weights.size)
-    cosines = np.cos(np.outer(np.arange(1, lags + 1), turn))
+    cosines = np.cos(np.outer(lags, turn))
     cosines -= (cosines @ weights / weights.sum())[:, None]  # the power was estimated
     cosines *= weights
     size, directions = np.linalg.eigh(runs * (cosines @ cosines.T))

@@ -25,7 +25,7 @@ CODES: dict[str, tuple[Grade, str]] = {
     "not-the-error": ("wrong", "e is not ft - x"),
     "exchanged": ("wrong", "e and x seem to be exchanged"),
     "output-unrelated": ("wrong", "x is not the answer to u (and fd)"),
-    "drift": ("doubt", "u drifts or has an offset, which neither loop nor model explains"),
+    "drift": ("doubt", "u drifts, which neither loop nor model explains"),
     "copied-run": ("wrong", "a run is a copy of another"),
     "element-differs": ("doubt", "the controlled element is not the one named, or not always one"),
     # of a recording, by what a recorder leaves in signals
