@@ -106,7 +106,7 @@ class MLEReference(LikelihoodSettings):
         return replace(
             estimate,
             intervals=profile.intervals,
-            errors=errors_from(end.values[0], profile.intervals),
+            errors=errors_from(end.values[0], profile.intervals, model),
             iterations=optimum.iterations + end.iterations,
             starts=optimum.starts,
             remnant=optimum.remnant,

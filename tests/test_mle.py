@@ -141,9 +141,15 @@ def test_profile_intervals_beside_a_parameter_at_its_bound() -> None:
     # Of b: the deviance is (1 - .64)(b - 3)^2 down to the lower end.
     np.testing.assert_allclose(found[1], [3.0 - np.sqrt((1.44 + CHI_SQUARED_95) / 0.36), 1.0])
     held = np.array([False, True])
-    # The interval of b has one side alone.
-    errors = errors_from(minimum.values[0], found)
-    np.testing.assert_allclose(errors, np.diff(found)[:, 0] / (Z95 * np.array([2.0, 1.0])))
+    # The interval of b has one side alone, and a bound that cuts the other short changes nothing.
+    near = errors_from(minimum.values[0] - [0.0, 0.01], found, space)
+    np.testing.assert_allclose(near[1], (0.99 - found[1, 0]) / Z95)
+    errors = errors_from(minimum.values[0], found, space)
+    offsets = np.linspace(-20.0, 20.0, 40_001)
+    spread = np.abs(found[0] - minimum.values[0, 0])[(offsets > 0.0).astype(int)] / Z95
+    density = np.exp(-0.5 * (offsets / spread) ** 2)
+    assert errors[0] ** 2 == pytest.approx(np.sum(offsets**2 * density) / np.sum(density), rel=1e-3)
+    np.testing.assert_allclose(errors[1], np.diff(found[1]) / Z95)
     covariance = covariance_at_bounds(gram(minimum.values)[0, :2, :2], held, errors)
     assert covariance is not None
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), errors)
@@ -241,8 +247,9 @@ def test_a_channel_that_the_white_search_loses_is_found_again(name: str, replica
 
 def test_standard_errors_are_those_of_the_intervals_and_products_those_of_the_curvature() -> None:
     estimate = fit_of(MLE(), NOMINAL, 3)
-    length = np.diff(estimate.intervals, axis=1)[:, 0]
-    np.testing.assert_allclose(length / estimate.std_error, 2.0 * Z95, rtol=2e-3)
+    below, above = np.abs(estimate.intervals.T - estimate.values)
+    spread = np.sqrt(below**2 + above**2 - below * above)
+    np.testing.assert_allclose(spread / estimate.std_error, Z95, rtol=2e-3)
     curvature = np.sqrt(np.diag(estimate.covariance))
     # Gain and lead time are skewed, delays and neuromuscular parameters are not.
     assert (estimate.std_error[:2] > 1.01 * curvature[:2]).all()

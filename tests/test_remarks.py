@@ -94,9 +94,6 @@ def test_a_delay_that_people_do_not_have() -> None:
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.05), "tdvis", 0.0, 0.12))
     assert remark.startswith("tdvis is 0.05 s")
     assert remark.grade == "note"
-    # Whatever the interval holds, nobody answers within 50 ms.
-    (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.02), "tdvis", 0.0, 0.12))
-    assert remark.grade == "doubt"
     assert remarks_on(estimate_of(SINGLE, tdvis=0.11)) == ()
 
 
@@ -104,9 +101,7 @@ def test_a_damping_that_people_do_not_have() -> None:
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, dnm=0.06), "dnm", 0.03, 0.1))
     assert (remark.code, remark.grade) == ("outside-range", "doubt")
     assert remarks_on(with_interval(estimate_of(SINGLE, dnm=0.11), "dnm", 0.06, 0.2)) == ()
-    # What is not determined may have any value, but for the least that is allowed.
-    (remark, _) = remarks_on(with_interval(estimate_of(SINGLE, dnm=0.02), "dnm", 0.02, 1.0))
-    assert (remark.code, remark.grade) == ("outside-range", "doubt")
+    # What is not determined may have any value.
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, dnm=0.06), "dnm", 0.03, 1.0))
     assert remark.code == "not-determined"
 

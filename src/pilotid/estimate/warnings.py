@@ -12,7 +12,7 @@ import numpy as np
 
 from pilotid.checks.checks import motionless
 from pilotid.checks.element_fit import closing_element
-from pilotid.estimate.estimate import Estimate, Outcome, at_bounds, is_at_bound
+from pilotid.estimate.estimate import Estimate, Outcome, at_bounds
 from pilotid.estimate.quantities import spans_decade
 from pilotid.model.catalogue import fault_of
 from pilotid.model.channel import STEEP
@@ -315,8 +315,8 @@ def _unlike_people(estimate: Estimate) -> Iterator[Remark]:
     factors = {factor for channel in model.channels for factor in channel.dynamics}
     for key in {f.damping_key for f in factors if isinstance(f, Neuromuscular)} & {*model.keys}:
         place = model.index[key]
-        value, at_bound = float(estimate.values[place]), is_at_bound(model, estimate.values)[place]
-        if value < ESTIMATE.least_damping and (at_bound or estimate.determined[place]):
+        value = float(estimate.values[place])
+        if value < ESTIMATE.least_damping and estimate.determined[place]:
             yield Remark(
                 "outside-range",
                 f"{key} is {value:.3g}, but neuromuscular systems of people are not damped by less "
@@ -325,14 +325,13 @@ def _unlike_people(estimate: Estimate) -> Iterator[Remark]:
             )
     for i in model.delays:
         value, end = float(estimate.values[i]), float(estimate.intervals[i, 1])
-        open_end = end > ESTIMATE.shortest_delay
         if value < ESTIMATE.shortest_delay:
             yield Remark(
                 "outside-range",
                 f"{model.keys[i]} is {value:.3g} s (at most {end:.3g}), but people's "
                 f"delays are not below {ESTIMATE.shortest_delay:g} s: another parameter may have "
                 "taken its part (a lag, a slow neuromuscular system), or u was recorded early",
-                "note" if open_end and value >= ESTIMATE.no_delay else "doubt",
+                "note" if end > ESTIMATE.shortest_delay else "doubt",
             )
 
 

@@ -323,7 +323,7 @@ def _held(recording: Recording) -> Remark | None:
     share = np.mean(moves == 0.0)
     # A converter holds what moves by less than its steps, a recorder what it took more seldom.
     step, rms = step_of(recording, "u"), float(np.std(recording.window(recording.u)))
-    converted = np.mean(moves) < 2.0 * step <= RECORDER.coarse * rms
+    converted = share * np.mean(moves) < step <= 0.5 * RECORDER.coarse * rms
     if share < ESTIMATE.held or converted or is_resampled(recording, "u"):
         return None
     return Remark(

@@ -85,14 +85,14 @@ def with_profile(estimate: Estimate, optimum: Optimum, profile: Profile) -> Esti
     # The length of an interval tells the scatter of skewed estimates; the likelihood's
     # curvature at its maximum, from which the covariance is, only the middle of it.
     factor = optimum.variance_factor * optimum.element_factor
-    errors = errors_from(estimate.values, intervals, np.sqrt(sought / factor))
+    errors = errors_from(estimate.values, intervals, estimate.model, np.sqrt(sought / factor))
     estimate = replace(estimate, intervals=intervals, errors=errors)
     at_bound = is_at_bound(estimate.model, estimate.values)
     if not at_bound.any():
         return estimate
     information = np.asarray(np.linalg.inv(covariance))
     inside = covariance_at_bounds(
-        information, at_bound, errors_from(estimate.values, profile.intervals)
+        information, at_bound, errors_from(estimate.values, profile.intervals, estimate.model)
     )
     return estimate if inside is None else replace(estimate, covariance=inside)
 

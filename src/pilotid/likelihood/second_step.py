@@ -154,7 +154,7 @@ def second_step(
     return replace(
         estimate,
         intervals=profile.intervals,
-        errors=errors_from(end.values[0], profile.intervals),
+        errors=errors_from(end.values[0], profile.intervals, model),
         iterations=minima.iterations + end.iterations,
         starts=starts_of(minima),
         frequency_response=response,

@@ -31,9 +31,8 @@ ALIKE = 0.1  # share in which a line of both functions may go together over the 
 FEWEST_LINES = 5  # lines of a target that tell which signal is which
 MEDIAN = 0.64  # of the power of eight bins of noise less their own median, over its mean
 BESIDE = 8  # bins beside a line that tell leakage and noise in it
-#: Times the median beside it from which a bin of one run is a line.  Of bins of noise one in 1,024
-#: is: without them its power is .8 % less.
-HIDDEN = 10.0
+#: Times the median beside it from which a bin of one run is a line: one in a million of noise.
+HIDDEN = 20.0
 LOUD = 4.0  # times the noise from which a line of one run stands out
 #: Shares of half the sampling rate between which the floor is measured.
 FLOOR_FROM, FLOOR_TO = 0.6, 0.95

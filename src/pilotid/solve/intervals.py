@@ -45,23 +45,29 @@ def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
 
 
 def errors_from(
-    values: FloatArray, intervals: FloatArray, reach: float | FloatArray = Z95
+    values: FloatArray, intervals: FloatArray, bounds: Bounds, reach: float | FloatArray = Z95
 ) -> FloatArray | None:
     """Standard errors that intervals about values tell, None where one has no length.
 
-    The shape is (parameters,).
+    Root mean square distances from the mode of a distribution that is normal with another spread on
+    either side, which is what a skewed likelihood looks like; shape (parameters,).
 
     Parameters
     ----------
     values, intervals
-        Shapes (parameters,) and (parameters, 2).  An interval that ends at its value, at a bound,
-        has one side.
+        Shapes (parameters,) and (parameters, 2).
+    bounds
+        Those of the parameters: a side of an interval that one cuts short counts as long as the
+        other.
     reach
         Standard errors on each side.
     """
-    sides = np.abs(intervals - values[:, None])
-    both = sides.min(axis=1) > 1e-6 * sides.max(axis=1)
-    errors = np.asarray(sides.sum(axis=1) / (reach * np.where(both, 2.0, 1.0)))
+    sides, near = np.abs(intervals - values[:, None]), 1e-3 * np.ptp(intervals, axis=1)
+    is_cut = np.column_stack(
+        [intervals[:, 0] <= bounds.lower + near, intervals[:, 1] >= bounds.upper - near]
+    )
+    below, above = np.where(is_cut, np.maximum(sides, sides[:, ::-1]), sides).T
+    errors = np.asarray(np.sqrt(below**2 + above**2 - below * above) / reach)
     return errors if (errors > 0.0).all() else None
 
 

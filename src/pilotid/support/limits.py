@@ -128,9 +128,6 @@ class EstimateLimits(NamedTuple):
     surely_explained: float = 50.0
     vague: float = 0.25  # standard error over value of a parameter that is poorly identified
     shortest_delay: float = 0.1  # s, of people who track
-    #: s, a delay that is none whatever its interval holds: of 1,268 simulated fits nine are below,
-    #: each by more than half of the true delay.
-    no_delay: float = 0.05
     #: Damping ratio of a neuromuscular system below which none is published: of 2,043 simulated
     #: fits four have a determined one below, all off by more than four claimed errors.
     least_damping: float = 0.1
