@@ -179,8 +179,11 @@ def score_products(rows: FloatArray, reach: int) -> FloatArray:
     return np.asarray(products.real / (2 * half))
 
 
-def score_dispersion(rows: FloatArray, estimated: int, length: int) -> tuple[float, int]:
-    """How much the scores of segments scatter: chi-squared if errors are as large as claimed.
+def score_dispersion(rows: FloatArray, estimated: int, length: int) -> tuple[float, float]:
+    """How much the scores of segments scatter: about chi-squared if errors are as large as claimed.
+
+    Scores count by what their segment knows: where next to nothing moves they tell of the remnant's
+    model alone.  The statistic has the mean of chi-squared, and its variance with that freedom.
 
     Parameters
     ----------
@@ -193,29 +196,28 @@ def score_dispersion(rows: FloatArray, estimated: int, length: int) -> tuple[flo
 
     Returns
     -------
-    The statistic and its degrees of freedom; 0, 0 for fewer than two segments.
+    The statistic and its degrees of freedom; 0, 0 where there is nothing to tell them by.
     """
     _, runs, samples = rows.shape
     pieces = max(1, round(samples / length))
-    if runs * pieces < 2:
-        return 0.0, 0
     whole = rows[..., : samples // pieces * pieces].reshape(len(rows), runs * pieces, -1)
     jacobian, errors = whole[:estimated].transpose(1, 0, 2), whole[-1]
-    size = np.sqrt(np.mean(jacobian**2, axis=(0, 2), keepdims=True))
+    size = np.sqrt(np.sum(jacobian**2, axis=(0, 2), keepdims=True))
     known = size[0, :, 0] > 0.0
     jacobian = jacobian[:, known] / size[:, known]
-    scores = np.einsum("kps,ks->kp", jacobian, errors)
     information = jacobian @ jacobian.transpose(0, 2, 1)
+    sizes, directions = np.linalg.eigh(information.sum(axis=0))
+    root = (directions / np.sqrt(np.maximum(sizes, 1e-12)))[:, sizes > 1e-9]
+    shares = root.T @ information @ root
+    scores = np.einsum("kps,ks->kp", jacobian, errors) @ root
     # The whole score is zero but for what a likelihood adds evenly to what the segments know.
-    share = np.linalg.lstsq(information.sum(axis=0), scores.sum(axis=0))[0]
-    scores -= information @ share
-    sizes, directions = np.linalg.eigh(information)
-    along = np.einsum("kpq,kp->kq", directions, scores)
-    # The mean of the diagonal is one a sample: what is known next to nothing of does not count.
-    kept = sizes > 1e-4 * whole.shape[2]
-    variance = float(np.mean(errors**2))
-    statistic = float(np.sum(along[kept] ** 2 / sizes[kept])) / (variance or 1.0)
-    return statistic, int(np.count_nonzero(kept)) - int(np.count_nonzero(known))
+    scores -= shares @ scores.sum(axis=0)
+    variance, lost = float(np.mean(errors**2)), float(np.sum(shares**2))
+    mean = root.shape[1] - lost  # of the sum of squares, at a variance of one
+    if mean < 0.5 or variance == 0.0:
+        return 0.0, 0.0
+    freedom = mean**2 / lost
+    return freedom * float(np.sum(scores**2)) / (variance * mean), freedom
 
 
 # -------------------------------------------------------------------- profile-likelihood intervals
