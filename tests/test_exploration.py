@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from helpers import NOMINAL, PILOTS, fit_of, minima_at, without_remnant
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.signals import Remnant
 from pilotid.estimate.estimate import Outcome, Starts
+from pilotid.likelihood import search
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import MIN_VAF_RATIO, Optimum, PilotCheck
 from pilotid.likelihood.prediction import predict
@@ -203,6 +205,29 @@ def test_who_explains_far_less_than_the_lines_pilot_does_not_follow() -> None:
     np.testing.assert_array_equal(judged.which(ends), [1])
     none = replace(ends, values=np.array([IDLE, IDLE]))
     np.testing.assert_array_equal(judged.which(none), [0, 1])
+
+
+def test_a_search_that_went_astray_begins_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = scenario_named("target-step")
+    recording, model = simulate(scenario, np.random.default_rng(1)), scenario.model
+    first_swept, sought = search.sweep, list[int]()
+    # Another optimum, whose second channel is late.
+    astray_at = scenario.values[None] * [1.0, 1.0, 1.0, 0.01, 4.0, 1.0, 1.0]
+
+    def found() -> Optimum:
+        return search.maximise_likelihood(recording, model, np.random.default_rng(1), MLE())
+
+    def astray(*arguments: Any) -> Any:
+        candidates, starts, check = first_swept(*arguments)
+        sought.append(len(candidates))
+        return (astray_at if len(sought) == 1 else candidates), starts, check
+
+    right = found()
+    monkeypatch.setattr(search, "sweep", astray)
+    for most, apart in ((np.inf, True), (0.0, False)):
+        monkeypatch.setattr(search, "MAX_DISPERSION", most)
+        sought.clear()
+        assert (found().criterion > right.criterion + 10.0) is apart
 
 
 def test_an_optimum_that_is_no_pilot_did_not_converge(monkeypatch: pytest.MonkeyPatch) -> None:
