@@ -120,14 +120,6 @@ def test_simulate_writes_recording_sidecar_and_truth(simulated: Path) -> None:
     assert truth["loops"]["disturbance"]["phase_margin"] == pytest.approx(27.0, abs=1.0)
 
 
-def test_simulate_depends_on_the_seed_alone(run: Run, simulated: Path, tmp_path: Path) -> None:
-    for seed in (3, 4):
-        out = tmp_path / f"{seed}.csv"
-        assert run("simulate", "nominal", "--out", out, "--seed", seed).status == 0
-    assert (tmp_path / "3.csv").read_bytes() == simulated.read_bytes()
-    assert (tmp_path / "4.csv").read_bytes() != simulated.read_bytes()
-
-
 def test_simulate_draws_a_pilot_of_a_population(run: Run, tmp_path: Path) -> None:
     models = set()
     for seed in range(4):
@@ -399,16 +391,6 @@ def test_a_bad_file_does_not_cost_the_others(run: Run, simulated: Path, tmp_path
     out.unlink()
     refused(run("fit", missing, simulated, "--joint", *options), "no such file")
     assert not out.exists()
-
-
-@pytest.mark.long
-def test_fits_are_kept_where_figures_cannot_be_written(
-    run: Run, simulated: Path, tmp_path: Path
-) -> None:
-    (tmp_path / "figures").touch()  # where the figures go
-    options = ("--model", "single", "--method", "mle-white", "--out", tmp_path, "--workers", 1)
-    assert run("analyse", simulated, *options).status == 2
-    assert b"converged" in (tmp_path / "estimates.csv").read_bytes()
 
 
 @pytest.mark.long

@@ -134,12 +134,6 @@ def test_a_library_of_redundant_lags_is_not_believed() -> None:
     assert "unstable pole" in estimate.message
 
 
-def test_one_signal_for_two_channels_is_refused() -> None:
-    estimate = fit_of(SINDy(), scenario_named("disturbance-only"))
-    assert estimate.outcome is Outcome.NOT_APPLICABLE
-    assert "without a target" in estimate.message
-
-
 def test_a_control_that_the_acceleration_repeats_is_not_believed() -> None:
     # Without a disturbance the acceleration is a multiple of the control.
     estimate = fit_of(SINDy(), scenario_named("target-only"))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import Answer, Run, python
+from helpers import Answer, Run
 from stores import finish
 
 from pilotid.study.table import OF_METHODS, OF_SCENARIOS, Entry, Fit, Store
@@ -104,21 +104,6 @@ def test_the_store_of_an_analysis_is_none_of_a_study(tmp_path: Path) -> None:
             Store(tmp_path, create=create)
 
 
-@pytest.mark.parametrize(
-    "statement",
-    [
-        "CREATE VIEW v AS WITH RECURSIVE c AS (SELECT 1 UNION ALL SELECT * FROM c) SELECT * FROM c",
-        "CREATE TRIGGER t AFTER INSERT ON rows BEGIN DELETE FROM rows; END",
-    ],
-)
-def test_a_store_that_computes_is_none(tmp_path: Path, statement: str) -> None:
-    filled(tmp_path).close()
-    with closing(sqlite3.connect(tmp_path / STORE)) as base:
-        base.execute(statement)
-    with pytest.raises(InputError, match="no such store"):
-        Store(tmp_path)
-
-
 def test_files_that_are_no_store_are_refused_in_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file; name a folder"):
         Store(tmp_path)
@@ -137,8 +122,6 @@ def test_numbers_that_are_not_known_are_kept(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------------- changed bytes, full disks
-
-HERE = str(Path(__file__).parent)
 
 
 @pytest.fixture(scope="module")
@@ -173,40 +156,6 @@ def test_commands_refuse_a_damaged_store_and_leave_it_as_it_is(
     options = ("report", folder) if command == "report" else ("compare", "--out", folder)
     refused(run(*options), STORE, "cannot be read or written")
     assert (folder / STORE).read_bytes() == content
-
-
-#: Adds fits to a store until something is in the way; the argument is the largest file.
-FILLING = """
-import resource, sys
-sys.path.insert(0, {here!r})
-from pathlib import Path
-import numpy as np
-from stores import fit
-from pilotid.study.table import Store
-from pilotid.support.types import InputError
-rng = np.random.default_rng(1)
-with Store(Path(sys.argv[1]), create=True) as store:
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]),) * 2)
-    try:
-        for number in range(99_000):
-            store.add(fit(("first", "mle", 1000 + number), rng))
-    except InputError as error:
-        print(number, error)
-        sys.exit(2)
-"""
-
-
-def test_a_full_disk_is_a_sentence_and_costs_nothing(finished: Path, tmp_path: Path) -> None:
-    folder = copied(finished, tmp_path / "study")
-    with Store(folder) as store:
-        before = len(store.fits())
-    done = python("-c", FILLING.format(here=HERE), folder, 300000)
-    assert (done.returncode, done.stderr) == (2, "")
-    number, sentence = done.stdout.split(" ", 1)
-    assert sentence.startswith(str(folder / STORE))
-    with Store(folder, create=True) as store:
-        assert len(store.fits()) == before + int(number)
-        store.add(Fit("second", "mle", 10**6, "crashed"))  # it goes on
 
 
 @pytest.mark.parametrize("content", ["", "{}", '{"scenario": "first"}'])

@@ -20,7 +20,7 @@ from pilotid.likelihood.prepare import Band, decimation
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MULTI
-from pilotid.solve.intervals import hessian_of, sandwich_of, score_products
+from pilotid.solve.intervals import hessian_of, sandwich_of
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
 
@@ -85,16 +85,6 @@ def test_a_band_of_26_rad_per_s_loses_next_to_nothing() -> None:
     experiment = experiment_of(with_remnant(Remnant(2, 6.0, 0.5, 0.15, "ratio")))
     full = deviations(bounds(experiment).full)
     assert deviations(bounds(experiment, band=26.0).full) == pytest.approx(full, rel=0.01)
-
-
-def test_runs_multiply_the_information() -> None:
-    one, four = experiment_of(NOMINAL), experiment_of(replace(NOMINAL, runs=4))
-    for first, second in (
-        (bounds(one).full, bounds(four).full),
-        (bounds(one).low_pass, bounds(four).low_pass),
-        (white_limit(one).sandwich, white_limit(four).sandwich),
-    ):
-        assert second == pytest.approx(first / 4.0)
 
 
 def test_phases_of_lines_at_different_frequencies_do_not_matter() -> None:
@@ -255,12 +245,6 @@ def test_claimed_errors_of_a_coloured_residual_are_too_short_by_the_factor_that_
     share = float(np.median(np.median(claimed, axis=0) / scatter))
     assert share < 0.5
     assert share * np.median(factors) == pytest.approx(1.0, abs=0.2)
-
-
-def test_products_at_lag_zero_and_one_by_hand() -> None:
-    # Scores 1, 2, 0, 3; Parzen's window at lag 1 of reach 1 is 2 (1 - 1/2)^3 = 1/4.
-    rows = np.array([[[1.0, 2.0, 0.0, 3.0]], [[1.0, 1.0, 1.0, 1.0]]])
-    assert score_products(rows, 1) == pytest.approx(14.0 + 2.0 * 0.25 * (2.0 + 0.0 + 0.0))
 
 
 def test_the_hessian_has_the_curvature_that_the_jacobian_leaves_out() -> None:

@@ -72,7 +72,7 @@ MAX_LOST_INFORMATION = 0.1
 #: model beside what a first pilot leaves (populations).
 LOOK_CRITERION = 20.0
 #: Tuned: variance of the scores of segments over what it would be of a constant pilot, of an
-#: optimum that may be a wrong one (targets that step: 6.3 there; of 24 right ones 22 are below 2.1).
+#: optimum that may be a wrong one (targets that step: 6.3; nine in ten right ones are below 2.1).
 MAX_DISPERSION = 3.0
 
 
