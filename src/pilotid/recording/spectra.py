@@ -29,7 +29,6 @@ CROWDED = 0.34
 ABSENT_LINE = 0.05
 ALIKE = 0.1  # share in which a line of both functions may go together over the runs
 FEWEST_LINES = 5  # lines of a target that tell which signal is which
-MEDIAN = 0.64  # of the power of eight bins of noise less their own median, over its mean
 BESIDE = 8  # bins beside a line that tell leakage and noise in it
 #: Times the median beside it from which a bin of one run is a line: one in a million of noise.
 HIDDEN = 20.0
@@ -217,12 +216,8 @@ def answers(recording: Recording) -> dict[str, tuple[int, float]]:
     """
     every, result = known_lines(recording), {}
     for name, lines in every.items():
-        control, beside = _beside(recording, recording.u, lines, every)
-        # Medians: lines of a forcing function that was not recorded may lie among them.
-        leaked = np.median(beside.real, axis=2) + 1j * np.median(beside.imag, axis=2)
-        noise = np.mean(np.median(np.abs(beside - leaked[..., None]) ** 2, axis=2), axis=0) / MEDIAN
-        noise += 1e-12 * np.max(np.abs(control)) ** 2
-        ratio = np.mean(np.abs(control - leaked) ** 2, axis=0) / noise
+        control, noise = at_lines(recording, recording.u, lines, every)
+        ratio = np.mean(np.abs(control) ** 2, axis=0) / noise
         coherence = 1.0 - 1.0 / np.maximum(ratio, 1.0)
         loud = 1.0 + (LOUD - 1.0) / np.sqrt(recording.runs)  # a mean of runs scatters less
         stand_out = int(np.count_nonzero(coherence > 1.0 - 1.0 / loud))
@@ -243,15 +238,6 @@ def at_lines(
 
     What transients leak is smooth in frequency, so that the bins beside a line tell it.
     """
-    values, beside = _beside(recording, signal, lines, every)
-    noise = np.mean(np.var(beside, axis=2), axis=0) + 1e-12 * np.max(np.abs(values)) ** 2
-    return values - beside.mean(axis=2), noise
-
-
-def _beside(
-    recording: Recording, signal: FloatArray, lines: IntArray, every: dict[str, IntArray]
-) -> tuple[ComplexArray, ComplexArray]:
-    """Transforms at lines, shape (runs, lines), and at the bins beside each, a third axis."""
     spectrum = np.fft.rfft(recording.window(signal))
     free = np.ones(spectrum.shape[1], dtype=bool)
     free[np.concatenate([[0], hidden_lines(recording), *every.values()])] = False
@@ -261,7 +247,9 @@ def _beside(
     first = np.clip(first, 0, max(0, between.size - 2 * BESIDE))
     around = between[first[:, None] + np.arange(min(2 * BESIDE, between.size))]
     order = np.argsort(np.abs(around - lines[:, None]), axis=1, kind="stable")[:, :BESIDE]
-    return spectrum[:, lines], spectrum[:, np.take_along_axis(around, order, axis=1)]
+    values, beside = spectrum[:, lines], spectrum[:, np.take_along_axis(around, order, axis=1)]
+    noise = np.mean(np.var(beside, axis=2), axis=0) + 1e-12 * np.max(np.abs(values)) ** 2
+    return values - beside.mean(axis=2), noise
 
 
 @dataclass(frozen=True, eq=False)
