@@ -30,8 +30,9 @@ ABSENT_LINE = 0.05
 ALIKE = 0.1  # share in which a line of both functions may go together over the runs
 FEWEST_LINES = 5  # lines of a target that tell which signal is which
 BESIDE = 8  # bins beside a line that tell leakage and noise in it
-#: Times the median beside it from which a bin of one run is a line: one in a million of noise.
-HIDDEN = 20.0
+#: Bins that tell of a forcing function that was not recorded, how many times the median beside it
+#: each is in one run, and how many times it the others are that it has.
+FEWEST_HIDDEN, HIDDEN, AMONG = 3, 20.0, 8.0
 LOUD = 4.0  # times the noise from which a line of one run stands out
 #: Shares of half the sampling rate between which the floor is measured.
 FLOOR_FROM, FLOOR_TO = 0.6, 0.95
@@ -123,8 +124,14 @@ def hidden_lines(recording: Recording) -> IntArray:
     around = np.lib.stride_tricks.sliding_window_view(
         np.pad(power, BESIDE, mode="reflect"), 2 * BESIDE + 1
     )
-    least = np.median(around, axis=1) * (1.0 + (HIDDEN - 1.0) / np.sqrt(recording.runs))
-    return np.flatnonzero(power > np.maximum(least, SMALLEST**2 * power.max()))
+    # Of several runs the mean scatters less.
+    ratio = 1.0 + (power / np.median(around, axis=1) - 1.0) * np.sqrt(recording.runs)
+    ratio[power <= SMALLEST**2 * power.max()] = 0.0
+    ratio[math.ceil(FASTEST_LINE * recording.duration / (2.0 * math.pi)) :] = 0.0
+    for lines in known_lines(recording).values():
+        ratio[lines] = 0.0
+    is_forced = np.count_nonzero(ratio > HIDDEN) >= FEWEST_HIDDEN
+    return np.flatnonzero(ratio > AMONG) if is_forced else np.zeros(0, dtype=int)
 
 
 def coefficients_at(recording: Recording, name: str, lines: IntArray) -> ComplexArray | None:
