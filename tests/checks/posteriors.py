@@ -2,7 +2,7 @@
 
     nox -s check -- posteriors
 
-Each has 1,000 draws, evenly from 3,000 effective ones at least, in single precision.  Exit
+Each has 1,000 draws, evenly from 10,000 effective ones at least, in single precision.  Exit
 status 1 if R-hat of a parameter is not below 1.01.
 """
 
@@ -18,7 +18,7 @@ from pilotid.estimate.method import identify
 from pilotid.methods.bayes import Bayes
 from pilotid.support.numbers import fit_rng
 
-DRAWS, EFFECTIVE, STEPS = 1000, 3000.0, 20_000
+DRAWS, EFFECTIVE, STEPS = 1000, 10_000.0, 50_000
 
 if __name__ == "__main__":
     METHOD, kept = Bayes(effective=EFFECTIVE, most=STEPS), {}
