@@ -120,16 +120,17 @@ def lines_of(recording: Recording, name: str) -> IntArray:
 @remembered
 def hidden_lines(recording: Recording) -> IntArray:
     """Bins of the control that stand out of those beside them: lines of what was not recorded."""
-    power = np.mean(np.abs(np.fft.rfft(recording.window(recording.u))) ** 2, axis=0)
+    top = math.ceil(FASTEST_LINE * recording.duration / (2.0 * math.pi))
+    power = np.mean(np.abs(np.fft.rfft(recording.window(recording.u))[:, :top]) ** 2, axis=0)
     around = np.lib.stride_tricks.sliding_window_view(
         np.pad(power, BESIDE, mode="reflect"), 2 * BESIDE + 1
     )
     # Of several runs the mean scatters less.
-    ratio = 1.0 + (power / np.median(around, axis=1) - 1.0) * np.sqrt(recording.runs)
+    usual = np.maximum(np.median(around, axis=1), 1e-300)
+    ratio = 1.0 + (power / usual - 1.0) * np.sqrt(recording.runs)
     ratio[power <= SMALLEST**2 * power.max()] = 0.0
-    ratio[math.ceil(FASTEST_LINE * recording.duration / (2.0 * math.pi)) :] = 0.0
     for lines in known_lines(recording).values():
-        ratio[lines] = 0.0
+        ratio[lines[lines < power.size]] = 0.0
     is_forced = np.count_nonzero(ratio > HIDDEN) >= FEWEST_HIDDEN
     return np.flatnonzero(ratio > AMONG) if is_forced else np.zeros(0, dtype=int)
 
