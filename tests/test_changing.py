@@ -10,11 +10,9 @@ from helpers import differences, recording_of, without_remnant
 
 from pilotid.datasets import SCENARIOS, Scenario, experiments, simulate
 from pilotid.datasets.experiments import bound_of
-from pilotid.datasets.simulation import linear_rms, remnant_ratio
 from pilotid.datasets.stepping import stepped
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import identify
-from pilotid.estimate.warnings import remarks_on
 from pilotid.likelihood.choice import default_candidates
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import predict
@@ -202,18 +200,6 @@ def test_simulation_is_exact_enough_and_agrees_with_another_way(scenario: Scenar
         assert np.std(found - other) < 2e-3 * np.std(other)
 
 
-@pytest.mark.long
-@both
-def test_the_remnant_has_the_share_of_the_power_that_the_scenario_says(scenario: Scenario) -> None:
-    recording = simulate(replace(scenario, runs=40), np.random.default_rng(3))
-    power = float(np.mean(np.var(recording.window(recording.u), axis=1)))
-    assert power == pytest.approx(linear_rms(scenario) ** 2, rel=0.03)
-    assert remnant_ratio(scenario) == pytest.approx(0.15)
-    forced = float(np.var(clean(scenario)[0][recording.run_in :]))
-    assert forced == pytest.approx(linear_rms(without_remnant(scenario)) ** 2, rel=1e-6)
-    assert recording.controlled_element == "90/(s(s+6))"
-
-
 #: Bounds are kept by scenario; under this name they are from a third of the usual recordings,
 #: which gives them to 5 %.
 BOUNDED = replace(SLOW, name="bounded")
@@ -225,16 +211,6 @@ def bound() -> FloatArray:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(experiments, "RECORDINGS", RECORDINGS)
         return bound_of(BOUNDED)
-
-
-@pytest.mark.long
-def test_bounds_of_four_runs_are_half_those_of_one(
-    bound: FloatArray, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # As many runs as one for each recording.
-    monkeypatch.setattr(experiments, "RECORDINGS", RECORDINGS // 4)
-    ratio = bound_of(replace(BOUNDED, runs=4)) / bound
-    np.testing.assert_allclose(ratio, 0.5, rtol=0.1)
 
 
 # ------------------------------------------------------------------ fits
@@ -286,13 +262,6 @@ def test_methods_that_know_constant_pilots_alone_say_so() -> None:
     for name in refusing:
         assert "varies in time" not in (METHODS[name].objection(recording, SINGLE) or "")
     assert not any(model.changes for model in default_candidates(recording))
-
-
-def test_a_step_is_called_one(fit: Estimate) -> None:
-    assert not any("in a step" in remark for remark in remarks_on(fit))
-    values = fit.values.copy()
-    values[ADAPTING.keys.index("rate")] = 40.0
-    assert any("changes in a step at" in r for r in remarks_on(replace(fit, values=values)))
 
 
 def test_intervals_of_when_go_to_the_joint_level_of_two_parameters() -> None:

@@ -243,10 +243,6 @@ def test_negative_delay_gives_the_reciprocal_pade_approximant() -> None:
     assert np.all(np.roots(backward[1]).real > 0.0)
 
 
-def test_zero_delay_gives_one() -> None:
-    assert pade(0.0, 5) == ([1.0], [1.0])
-
-
 # ------------------------------------------------------------------ parameters
 
 

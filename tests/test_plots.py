@@ -12,13 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pilotid.estimate.estimate import Estimate, Outcome, failed
-from pilotid.estimate.quantities import FrequencyResponse, RemnantEstimate
+from pilotid.estimate.quantities import FrequencyResponse
 from pilotid.methods.fourier import first_step_of
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.model import PilotModel
 from pilotid.plots import plots
 from pilotid.recording.recording import Recording
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.types import FloatArray
 
 RECORDING = recording_of(NOMINAL)
 
@@ -80,12 +80,6 @@ def test_the_model_s_response_is_drawn_over_the_recorded_control() -> None:
     assert np.std(left) < 0.6 * np.std(control)
     low, high = band(axes, scored[:5])
     np.testing.assert_allclose(high - low, 2.0 * 1.96 * np.std(left), rtol=1e-3)
-
-
-def test_a_failed_estimate_costs_the_others_nothing() -> None:
-    lost = failed("mmle3", MULTI, Outcome.NEGATIVE_DELAY)
-    axes = plots.signals(RECORDING, lost, estimate(), axes=new_axes())
-    assert [own.get_label() for own in axes.get_lines()] == ["recorded", "mle"]
 
 
 # ------------------------------------------------------------------------ over frequency
@@ -150,15 +144,6 @@ def test_points_of_a_failed_fit_are_drawn_and_points_without_a_phase_only_above(
     assert len(below.containers[0][0].get_ydata()) == 0
 
 
-def test_truth_is_drawn_beside() -> None:
-    truth = 1.1 * NOMINAL.values
-    above, _ = plots.describing_function(estimate(), truth=truth, axes=pair())
-    omega, size = line(above, "truth")
-    np.testing.assert_allclose(size, np.abs(MULTI.response(omega, truth)[0]))
-    with pytest.raises(InputError, match="at least one estimate"):
-        plots.describing_function()
-
-
 # ----------------------------------------------------------------------------- the remnant
 
 
@@ -182,12 +167,3 @@ def test_the_spectrum_of_a_white_residual_is_its_variance_over_the_band() -> Non
     # Variance 4 spread evenly over 0 to pi / dt rad/s.
     assert np.mean(density[omega > 5.0]) == pytest.approx(4.0 * 0.1 / np.pi, rel=0.05)
     assert axes.get_ylabel() == "power density [N² s/rad]"
-
-
-def test_the_model_s_density_is_drawn_as_far_as_its_filter_leaves_it() -> None:
-    omega = np.linspace(0.1, 50.0, 100)
-    own = RemnantEstimate("white", {}, 0.2, omega, np.full(100, 3.0))
-    axes = plots.remnant(estimate(remnant=own), axes=new_axes())
-    shown, density = line(axes, "mle")
-    assert shown.max() == pytest.approx(40.0, abs=0.5)
-    assert set(density) == {3.0}

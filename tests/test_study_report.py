@@ -181,15 +181,6 @@ def test_equal_stores_give_equal_bytes(full: Made) -> None:
     assert [file.read_bytes() for file in files] == before
 
 
-@pytest.mark.parametrize(
-    ("name", "count"),
-    [("single", 11), ("remnant-0.8", 1), ("starts", 1), ("runs-2", 11)],
-)
-def test_any_part_of_a_study_makes_a_report(tmp_path: Path, name: str, count: int) -> None:
-    made = report(tmp_path, scenarios(name, methods=("mle",), count=count), ("mle", "never-run"))
-    assert not re.search(r"\b(nan|inf)\b", made.html.partition("<script>")[0], re.I)
-
-
 @pytest.mark.parametrize("lost", [False, True])
 def test_a_population_makes_a_report_even_if_nothing_succeeded(tmp_path: Path, lost: bool) -> None:
     if not lost:
@@ -203,11 +194,3 @@ def test_a_population_makes_a_report_even_if_nothing_succeeded(tmp_path: Path, l
     made = report(tmp_path, fill, ("mle",))
     assert ("2 of 2" in made.markdown) == lost
     assert not re.search(r"\b(nan|inf)\b", made.html.partition("<script>")[0], re.I)
-
-
-def test_a_long_label_is_whole_in_tables_and_short_in_figures(tmp_path: Path) -> None:
-    methods = ("mle", "x" * 300)
-    made = report(tmp_path, scenarios("nominal", methods=methods), methods)
-    assert "x" * 300 in made.html
-    for file in (tmp_path / "figures").iterdir():
-        assert "x" * 40 not in file.read_text(encoding="utf-8")

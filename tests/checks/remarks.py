@@ -3,7 +3,7 @@
     nox -s check -- remarks --recordings 100 [--first 1000] [--only population-usual,zero]
 
 A fit is right if no value is off by more than four claimed errors; what is graded wrong or doubt
-of it, or of its recording, is a false alarm.  `zero` has elements with a zero; `stepped` is a
+of it, or of its recording, is a false alarm.  `zero` has elements with a zero; ``strata:NAME`` is a
 generator that shares no code with this one; scenarios named ``NAME*`` are all that begin so.
 Last, what is said of the recordings of people that PILOTID_MEASURED names.
 """
@@ -18,14 +18,14 @@ from pathlib import Path
 
 import numpy as np
 from recorder import FAULTS, bare, with_zero
-from stepping import TRUTH, stepped
+from strata import STRATA as OF_OWN
+from strata import of_stratum
 
 from pilotid.checks.checks import remarks
 from pilotid.checks.element_fit import chosen_element
 from pilotid.datasets import POPULATIONS, SCENARIOS, simulate
 from pilotid.estimate.method import identify
 from pilotid.methods import method_named
-from pilotid.model.catalogue import MODELS
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import load_recording
 from pilotid.recording.recording import Recording
@@ -33,7 +33,8 @@ from pilotid.recording.recording import Recording
 SEED, FAR = 1, 4.0  # claimed errors
 STRATA = (
     *(f"population-{n}" for n in ("usual", "exotic", "aperiodic", "short", "recorded")),
-    *("zero", "decimals", "bare", "stepped", "violation-*", "recorder-*"),
+    *("zero", "decimals", "bare", "violation-*", "recorder-*"),
+    *(f"strata:{name}" for name in OF_OWN),
 )
 
 
@@ -41,9 +42,10 @@ def drawn(
     name: str, first: int, count: int
 ) -> Iterator[tuple[Recording, PilotModel, dict[str, float]]]:
     """Recordings of a stratum, each with its model and truth."""
-    if name == "stepped":
-        for truth, recording in stepped(np.random.default_rng([SEED, first]), count):
-            yield recording, MODELS["single"], dict(zip(TRUTH, truth, strict=True))
+    if name.startswith("strata:"):
+        yield from (
+            of_stratum(name.removeprefix("strata:"), i) for i in range(first, first + count)
+        )
         return
     named = [s for s in SCENARIOS if s.startswith(name.rstrip("*"))] if "*" in name else []
     for i in range(first, first + count):
