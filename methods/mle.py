@@ -79,7 +79,7 @@ class MLE(LikelihoodSettings):
         )
         if profile is not None:
             estimate = with_profile(estimate, optimum, profile)
-        if not optimum.is_pilot:
+        if not optimum.is_credible:
             estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=NO_PILOT)
         tested = tested_specification(optimum, recording, estimate, self.against)
         return replace(

@@ -82,7 +82,9 @@ class MLEReference(LikelihoodSettings):
         optimum = maximise_likelihood(recording, model, rng, self)
         element, _ = closing_element(recording)
         assert element is not None
-        candidates = [optimum.pilot] if optimum.is_pilot else [*optimum.lines_pilot, optimum.pilot]
+        candidates = (
+            [optimum.pilot] if optimum.is_credible else [*optimum.lines_pilot, optimum.pilot]
+        )
         values = candidates[0][None]
         if not is_stable(model, values[0], element):
             why = f"the loop of the pilot and {element.name} is unstable: there are no instruments"

@@ -46,8 +46,8 @@ class PilotCheck:
     """Which parameters can be those of a pilot: the recorded loop was stable.
 
     A model that predicts the control as the inverse of the controlled element does has a high
-    likelihood; its loop with the element is unstable, or so near to it that it explains nothing of
-    the control, or far less than the pilot of the forcing lines.
+    likelihood; its loop with the element is unstable, or so near to it that its simulated response
+    explains nothing of the control, or far less than that of the pilot of the forcing lines.
 
     Parameters
     ----------
@@ -61,14 +61,15 @@ class PilotCheck:
     def __init__(self, coarse: Prediction, lines: FloatArray) -> None:
         self._coarse = coarse
         self._total = float(np.sum(coarse.samples_of(coarse.control_spectrum) ** 2))
-        self.least = MIN_VAF_RATIO * float(np.max(self.explained(lines))) if len(lines) else 0.0
+        known = self.explained(lines)[:, 0] if len(lines) else np.zeros(2)
+        self.least = MIN_VAF_RATIO * known
 
     def explained(self, sets: FloatArray) -> FloatArray:
         """Shares of the control that parameters explain, shape (2, sets).
 
         They are those of the simulated response to what was recorded, and of the response to the
-        forcing functions in the loop: a loop suppresses a slow remnant, which hides the former,
-        and amplifies one near its crossover.  The former stands for both where no element is known.
+        forcing functions in the loop, which suppresses a slow remnant; twice the former where no
+        element is known.
 
         Parameters
         ----------
@@ -85,13 +86,22 @@ class PilotCheck:
 
     def __call__(self, sets: FloatArray) -> BoolArray:
         """Which parameters pass, the pilot's first, shape (sets,)."""
+        return np.asarray(self._passing(sets)[0])
+
+    def in_loop(self, pilot: FloatArray) -> bool:
+        """Whether a pilot, shape (parameters,), passes in its loop, where a slow remnant hides it.
+
+        One at a bound does not: subject gy has such ones with `pursuit`.
+        """
+        inside = not is_at_bound(self._coarse.model, pilot).any()
+        return inside and bool(self._passing(pilot[None])[1, 0])
+
+    def _passing(self, sets: FloatArray) -> BoolArray:
+        """Which parameters pass by each share of `explained`, shape (2, sets)."""
         model, weighting = self._coarse.model, self._coarse.weighting
         pilots = sets[:, : len(model.parameters)]
-        alone, closed = self.explained(pilots)
-        best = np.maximum(alone, closed)
-        passed = (best > 0.0) & (best >= self.least)
-        # Ends at bounds are no pilots that a slow remnant hides (subject gy with `pursuit`).
-        passed &= (alone > 0.0) | ~is_at_bound(model, pilots).any(axis=1)
+        explained = self.explained(pilots)
+        passed = (explained > 0.0) & (explained >= self.least[:, None])
         if weighting is not None:
             passed &= are_stable(model, pilots, weighting.element)
         return np.asarray(passed)
@@ -182,6 +192,11 @@ class Optimum:
     def is_pilot(self) -> bool:
         """Whether it can be a pilot, see `PilotCheck`."""
         return self.check is None or bool(self.check(self.pilot[None])[0])
+
+    @property
+    def is_credible(self) -> bool:
+        """Whether it can be one, as it is simulated or in its loop."""
+        return self.check is None or self.is_pilot or self.check.in_loop(self.pilot)
 
     @property
     def freedom(self) -> int:

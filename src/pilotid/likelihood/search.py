@@ -539,7 +539,8 @@ def _best_and_others(
     tried: Sequence[Optimum],
 ) -> tuple[Optimum, list[tuple[FloatArray, float]]]:
     """The best optimum that simulates the control, and the others that are as likely."""
-    passed = [each for each in tried if each.is_pilot] or list(tried)
+    passed = [each for each in tried if each.is_pilot]
+    passed = passed or [each for each in tried if each.is_credible] or list(tried)
     lowest = min(each.criterion for each in passed)
     # What is far behind where fits are compared does not compete.
     far = lowest + 2.0 * COMPETING_CRITERION
