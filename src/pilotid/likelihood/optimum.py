@@ -61,47 +61,41 @@ class PilotCheck:
     def __init__(self, coarse: Prediction, lines: FloatArray) -> None:
         self._coarse = coarse
         self._total = float(np.sum(coarse.samples_of(coarse.control_spectrum) ** 2))
-        known = self.explained(lines)[:, 0] if len(lines) else np.zeros(2)
-        self.least = MIN_VAF_RATIO * known
+        self._least = dict.fromkeys((False, True), 0.0)
+        for in_loop in self._least if len(lines) else ():
+            share = float(self.explained(lines, in_loop=in_loop)[0])
+            self._least[in_loop] = MIN_VAF_RATIO * share
 
-    def explained(self, sets: FloatArray) -> FloatArray:
-        """Shares of the control that parameters explain, shape (2, sets).
-
-        They are those of the simulated response to what was recorded, and of the response to the
-        forcing functions in the loop, which suppresses a slow remnant; twice the former where no
-        element is known.
+    def explained(self, sets: FloatArray, *, in_loop: bool = False) -> FloatArray:
+        """Share of the control that parameters explain, shape (sets,).
 
         Parameters
         ----------
         sets
             Parameters of the pilot, shape (sets, parameters).
+        in_loop
+            Whether it is that of the response to the forcing functions in the loop, which
+            suppresses a slow remnant, if the element is known; else of the simulated response to
+            what was recorded.
         """
         coarse = self._coarse
-        alone = coarse.residual_spectra(sets)
-        closed = alone
-        if coarse.weighting is not None:
-            closed = alone / coarse.loop_at(coarse.s.imag).residual_spectra(sets)
-        left = np.array([coarse.samples_of(alone), coarse.samples_of(closed)])
-        return np.asarray(1.0 - np.sum(left**2, axis=(2, 3)) / self._total)
+        residual = coarse.residual_spectra(sets)
+        if in_loop and coarse.weighting is not None:
+            residual /= coarse.loop_at(coarse.s.imag).residual_spectra(sets)
+        left = coarse.samples_of(residual)
+        return np.asarray(1.0 - np.sum(left**2, axis=(1, 2)) / self._total)
 
-    def __call__(self, sets: FloatArray) -> BoolArray:
-        """Which parameters pass, the pilot's first, shape (sets,)."""
-        return np.asarray(self._passing(sets)[0])
+    def __call__(self, sets: FloatArray, *, in_loop: bool = False) -> BoolArray:
+        """Which parameters pass, the pilot's first, shape (sets,), by the share as in `explained`.
 
-    def in_loop(self, pilot: FloatArray) -> bool:
-        """Whether a pilot, shape (parameters,), passes in its loop, where a slow remnant hides it.
-
-        One at a bound does not: subject gy has such ones with `pursuit`.
+        In the loop none at a bound does: subject gy has such ones with `pursuit`.
         """
-        inside = not is_at_bound(self._coarse.model, pilot).any()
-        return inside and bool(self._passing(pilot[None])[1, 0])
-
-    def _passing(self, sets: FloatArray) -> BoolArray:
-        """Which parameters pass by each share of `explained`, shape (2, sets)."""
         model, weighting = self._coarse.model, self._coarse.weighting
         pilots = sets[:, : len(model.parameters)]
-        explained = self.explained(pilots)
-        passed = (explained > 0.0) & (explained >= self.least[:, None])
+        explained = self.explained(pilots, in_loop=in_loop)
+        passed = (explained > 0.0) & (explained >= self._least[in_loop])
+        if in_loop:
+            passed &= ~is_at_bound(model, pilots).any(axis=1)
         if weighting is not None:
             passed &= are_stable(model, pilots, weighting.element)
         return np.asarray(passed)
@@ -196,7 +190,9 @@ class Optimum:
     @property
     def is_credible(self) -> bool:
         """Whether it can be one, as it is simulated or in its loop."""
-        return self.check is None or self.is_pilot or self.check.in_loop(self.pilot)
+        if self.check is None or self.is_pilot:
+            return True
+        return bool(self.check(self.pilot[None], in_loop=True)[0])
 
     @property
     def freedom(self) -> int:

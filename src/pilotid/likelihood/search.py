@@ -134,8 +134,7 @@ def maximise_likelihood(
     pilots = [*candidates, *lines]
     choices = [RemnantChoice(prediction, pilot, settings.noise, check) for pilot in pilots]
     best, others = _best_and_others([choice.full_fit() for choice in _likely(choices)])
-    chosen = settings.noise is None
-    if chosen and not len(lines) and best.dispersion > MAX_DISPERSION:
+    if settings.noise is None and not len(lines) and best.dispersion > MAX_DISPERSION:
         # What was not likely beside the remnant of the first pilot may be so beside that of this.
         pilots = [pilot for pilot in sweep(best, rng, lines)[0] if not best.is_near(pilot)]
         choices = [RemnantChoice(prediction, pilot, None, check) for pilot in pilots]

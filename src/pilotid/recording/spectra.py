@@ -100,7 +100,7 @@ def lines_of(recording: Recording, name: str) -> IntArray:
     if forcing is None:
         return np.zeros(0, dtype=int)
     signal = recording.window(forcing)
-    top = min(math.ceil(FASTEST_LINE * recording.duration / (2.0 * math.pi)), signal.shape[1] // 2)
+    top = _above_lines(recording)
     power = np.mean(np.abs(np.fft.rfft(signal)[:, 1:top]) ** 2, axis=0)
     # A constant leaves rounding errors.
     if power.max() <= (1e-12 * signal.shape[1] * np.max(np.abs(signal), initial=0.0)) ** 2:
@@ -117,10 +117,16 @@ def lines_of(recording: Recording, name: str) -> IntArray:
     return lines
 
 
+def _above_lines(recording: Recording) -> int:
+    """The bin from which on there are no lines."""
+    fastest = math.ceil(FASTEST_LINE * recording.duration / (2.0 * math.pi))
+    return min(fastest, recording.samples // 2)
+
+
 @remembered
 def hidden_lines(recording: Recording) -> IntArray:
     """Bins of the control that stand out of those beside them: lines of what was not recorded."""
-    top = math.ceil(FASTEST_LINE * recording.duration / (2.0 * math.pi))
+    top = _above_lines(recording)
     power = np.mean(np.abs(np.fft.rfft(recording.window(recording.u))[:, :top]) ** 2, axis=0)
     around = np.lib.stride_tricks.sliding_window_view(
         np.pad(power, BESIDE, mode="reflect"), 2 * BESIDE + 1
