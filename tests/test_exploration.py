@@ -192,7 +192,7 @@ def test_the_lines_optimum_does_not_depend_on_the_starts() -> None:
 
 def test_who_explains_far_less_than_the_lines_pilot_does_not_follow() -> None:
     judged = following(TRUTH[None])
-    own, idle = judged.explained(np.array([TRUTH, IDLE]))[0]
+    own, idle = judged.explained(np.array([TRUTH, IDLE]))
     assert 0.6 < own < 1.0  # a remnant of 20 % or less is left
     assert idle < MIN_VAF_RATIO * own
     np.testing.assert_array_equal(judged(np.array([TRUTH, IDLE])), [True, False])

@@ -121,7 +121,7 @@ def test_numbers_that_are_not_known_are_kept(tmp_path: Path) -> None:
     assert np.isnan(held["value"])
 
 
-# ---------------------------------------------------------------------- changed bytes, full disks
+# ---------------------------------------------------------------------- changed bytes
 
 
 @pytest.fixture(scope="module")

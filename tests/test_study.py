@@ -301,6 +301,25 @@ def test_a_study_that_was_killed_goes_on_and_ends_as_if_nothing_had_been(
     assert (killed / "summary.csv").read_bytes() == whole
 
 
+def test_an_interruption_is_a_sentence(tmp_path: Path, unhurried: list[str]) -> None:
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        command(out, *unhurried),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # In a job in the background interruptions are ignored, and that is passed on.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    wait_for(out, 3)
+    os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: the workers get it too
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors.startswith("pilotid: stopped;")
+    assert len(errors.splitlines()) == 1, errors
+
+
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # those of Dask are not ours
 def test_dask_with_a_worker_killed_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -321,11 +340,3 @@ def test_dask_with_a_worker_killed_gives_the_same_bytes(tmp_path: Path) -> None:
                 os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
         store.comparison().write(there)
     assert (there / "summary.csv").read_bytes() == (here / "summary.csv").read_bytes()
-
-
-#: A client of Dask that waits for a scheduler as long as a test can.
-IMPATIENT = """
-import distributed
-client = distributed.Client
-distributed.Client = lambda address, timeout, **more: client(address, timeout="1s", **more)
-"""
