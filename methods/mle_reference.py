@@ -38,7 +38,12 @@ from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.loops import is_stable
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.intervals import covariance_of, errors_from, profile_intervals
+from pilotid.solve.intervals import (
+    covariance_of,
+    errors_from,
+    profile_intervals,
+    with_information,
+)  # fmt: skip
 from pilotid.solve.least_squares import minimise
 
 
@@ -93,7 +98,7 @@ class MLEReference(LikelihoodSettings):
         # The weights of the moments do not move their root, but they say how well it is known.
         values = minimise(moments.gram, values, model).values
         moments.weigh_at(values[0])
-        end = minimise(moments.gram, values, model)
+        end = with_information(minimise(moments.gram, values, model), moments.gram)
         # Nothing is left of the moments there, and what secants tell is rounding.
         end = replace(end, curvature=np.zeros_like(end.curvature))
         covariance = covariance_of(end.gram[0, :-1, :-1], optimum.variance_factor)

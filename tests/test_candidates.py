@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from helpers import PILOTS, SINGLE_LOOP, fit_of
 from pilotid import element_named, identify
 from pilotid.datasets import Scenario
 from pilotid.datasets.signals import Remnant
+from pilotid.likelihood.optimum import best_of
 from pilotid.methods import method_named
 from pilotid.model.loops import are_stable, pilot_on
 from pilotid.support.remarks import codes_of
@@ -87,3 +90,15 @@ def test_a_band_that_is_asked_for_is_not_widened() -> None:
     bands = {fit_of(method_named(f"mle(band={band})"), SINGLE_LOOP).band for band in (15, 26)}
     highest = sorted(band.highest for band in bands if band is not None)
     assert highest[0] < 15.0 < highest[1] < 26.0
+
+
+@pytest.mark.parametrize(("dispersion", "best"), [(1.0, 0), (1.2, 1), (3.0, 2)])
+def test_of_optima_as_likely_the_one_that_explains_most_where_scores_scatter(
+    dispersion: float, best: int
+) -> None:
+    shares = [(-100.0, 0.2), (-98.0, 0.4), (-92.0, 0.5), (-80.0, 0.9)]
+    optima: list[Any] = [
+        SimpleNamespace(criterion=criterion, explained=share, dispersion=dispersion)
+        for criterion, share in shares
+    ]
+    assert optima.index(best_of(optima)) == best

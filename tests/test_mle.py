@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from checks.strata import of_stratum
 from helpers import NOMINAL, differences, fit_of, plane, without_remnant
 
 from pilotid.checks.checks import remarks
@@ -303,3 +304,17 @@ def test_intervals_hold_a_usual_neuromuscular_system_that_is_nearly_as_likely(se
     system = estimate.intervals[2:]
     assert (system[:, 0] <= truth[2:]).all()
     assert (system[:, 1] >= truth[2:]).all()
+
+
+@pytest.mark.parametrize(("number", "equal"), [(20030, "tlead tleadlow"), (20047, "tlead tlag")])
+def test_parameters_that_meet_have_intervals(number: int, equal: str) -> None:
+    # With two leads, or a lead and a lag, of one value J'J is singular and the Hessian is not.
+    recording, model, truth = of_stratum("other-models", number)
+    estimate = identify(MLE(), recording, model, np.random.default_rng(number))
+    assert estimate.outcome is Outcome.CONVERGED
+    first, second = (estimate.values[model.index[key]] for key in equal.split())
+    assert first == pytest.approx(second, rel=1e-3)
+    low, high = estimate.intervals.T
+    true = np.array([truth[key] for key in model.keys])
+    assert ((low <= true) & (true <= high)).all()
+    assert (np.abs(estimate.values - true) < 3.0 * estimate.std_error).all()

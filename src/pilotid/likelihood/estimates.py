@@ -27,7 +27,7 @@ from pilotid.likelihood.prepare import analysis_band, lowpass
 from pilotid.likelihood.remnant_models import best_noise_model, filter_of
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.intervals import REACH, covariance_of, score_products
+from pilotid.solve.intervals import REACH, covariance_of, score_products, with_information
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray, InputError
@@ -150,6 +150,7 @@ class WhiteLikelihood:
         terms = prediction.noticeable_terms(start)
         problem = Likelihood(replace(prediction, nuisance_poles=terms))
         end = minimise(problem.gram, start[None], model, tolerance=1e-8)
+        end = with_information(end, problem.gram)
         values, gram = end.values[0], end.gram[0]
         variance = gram[-1, -1] / (problem.residuals - len(values))
         covariance = covariance_of(gram[:-1, :-1], variance)

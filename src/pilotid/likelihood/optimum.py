@@ -17,10 +17,10 @@ from pilotid.likelihood.remnant_models import BandPass, criterion
 from pilotid.model.loops import are_stable
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
-from pilotid.solve.intervals import covariance_of, score_dispersion
+from pilotid.solve.intervals import covariance_of, score_dispersion, with_information
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.numbers import CHI_SQUARED_95, chi_squared_limit
 from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 #: Tuned: VAF of the simulated control over that of the lines' pilot.  In populations right optima
@@ -225,6 +225,11 @@ class Optimum:
         certain = freedom > 0 and statistic > chi_squared_limit(freedom, ESTIMATE.dispersed)
         return statistic / freedom if certain else 1.0
 
+    @cached_property
+    def explained(self) -> float:
+        """Share of the control that its simulated response explains; 0 where that was not asked."""
+        return 0.0 if self.check is None else float(self.check.explained(self.pilot[None])[0])
+
     @property
     def variance_factor(self) -> float:
         """Factor on variances, and on the deviance that an interval goes to."""
@@ -310,8 +315,22 @@ class Optimum:
 
     def restarted_at(self, start: FloatArray) -> Optimum:
         """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
-        end = descend(self.joint, start[None])
+        end = with_information(descend(self.joint, start[None]), self.joint.gram)
         return replace(self, end=end, iterations=self.iterations + end.iterations)
+
+
+def best_of(optima: Sequence[Optimum]) -> Optimum:
+    """The likeliest optimum; where its scores scatter, that of as likely ones that explains most.
+
+    The model is then wrong, and by how much one optimum exceeds another is chance (leave-one-out of
+    three people who saw the target ahead: median loss to `fourier` 1.9 -> 1.3 points of VAF).
+    """
+    best = min(optima, key=lambda each: each.criterion)
+    if best.dispersion > 1.0:
+        highest = best.criterion + CHI_SQUARED_95 * best.dispersion
+        more = [o for o in optima if o.criterion < highest and o.explained > best.explained + 0.001]
+        best = max(more, key=lambda each: each.explained, default=best)
+    return best
 
 
 def descend(

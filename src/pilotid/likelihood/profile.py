@@ -18,7 +18,7 @@ from itertools import product
 import numpy as np
 
 from pilotid.estimate.estimate import Estimate, is_at_bound
-from pilotid.likelihood.optimum import Optimum
+from pilotid.likelihood.optimum import Optimum, best_of
 from pilotid.model.factors import Neuromuscular
 from pilotid.solve.intervals import (
     Profile,
@@ -58,7 +58,7 @@ def profile_likelihood(optimum: Optimum) -> tuple[Optimum, Profile | None]:
         if profile is None or profile.better is None:
             break
         moved = optimum.restarted_at(profile.better)
-        if optimum.is_pilot and not moved.is_pilot:
+        if (optimum.is_pilot and not moved.is_pilot) or best_of([moved, optimum]) is optimum:
             break
         if not moved.is_near(optimum.pilot):
             moved = replace(moved, others=[*moved.others, (optimum.pilot, optimum.criterion)])

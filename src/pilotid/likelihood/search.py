@@ -34,6 +34,7 @@ from pilotid.likelihood.optimum import (
     SAME_OPTIMUM_DISTANCE,
     Optimum,
     PilotCheck,
+    best_of,
     descend,
 )
 from pilotid.likelihood.prediction import Prediction, predict
@@ -52,6 +53,7 @@ from pilotid.likelihood.remnant_models import (
 )
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
+from pilotid.solve.intervals import with_information
 from pilotid.solve.least_squares import Minima, draw_starts, minimise, search, solve_linear
 from pilotid.spectral.equations import are_pilots, fit_lines
 from pilotid.support.types import FloatArray
@@ -152,7 +154,8 @@ def maximise_likelihood(
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
         best = best.restarted_at(np.concatenate([ordered, best.values[len(ordered) :]]))
-    return replace(best, starts=starts, lines_pilot=[*lines], others=others)
+    end = with_information(best.end, best.joint.gram)
+    return replace(best, end=end, starts=starts, lines_pilot=[*lines], others=others)
 
 
 def maxima_from(
@@ -544,7 +547,7 @@ def _best_and_others(
     # What is far behind where fits are compared does not compete.
     far = lowest + 2.0 * COMPETING_CRITERION
     passed = [each.refined() for each in passed if not each.criterion > far]
-    best = min(passed, key=lambda each: each.criterion)
+    best = best_of(passed)
     reached, others = [best.criterion], []
     for other in passed:
         criterion = other.criterion

@@ -28,7 +28,12 @@ from pilotid.likelihood.prediction import Prediction
 from pilotid.likelihood.remnant_models import Whitener
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.intervals import covariance_of, errors_from, profile_intervals
+from pilotid.solve.intervals import (
+    covariance_of,
+    errors_from,
+    profile_intervals,
+    with_information,
+)  # fmt: skip
 from pilotid.solve.least_squares import Problem, minimise, search
 from pilotid.support.numbers import Z95, chi_squared_limit
 from pilotid.support.types import FloatArray
@@ -132,7 +137,7 @@ def second_step(
     minima = search(problem.gram, model, rng, known=known, candidates=12, refined=4)
     better = minima.values[:1]
     for _ in range(3):
-        end = minimise(problem.gram, better, model)
+        end = with_information(minimise(problem.gram, better, model), problem.gram)
         cost = float(end.cost[0])
         # The standardised residuals' variance is 1 unless it is clearly larger.
         clear = freedom > 0 and cost > chi_squared_limit(freedom, 1e-3)

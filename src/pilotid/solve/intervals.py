@@ -13,6 +13,7 @@ Identification, 2nd ed., sec. 9.2).  The inverse of A alone holds for a white re
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,8 @@ from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 #: Ratio of the smallest to the largest eigenvalue below which rounding decides.
 SINGULAR = 1e-13
+#: The same below which a model is next to singular.
+NEAR_SINGULAR = 1e-9
 
 
 def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
@@ -42,6 +45,26 @@ def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
         return None
     inverse, scale = inverted
     return np.asarray(variance * inverse / np.outer(scale, scale))
+
+
+def with_information(end: Minima, gram: Gram) -> Minima:
+    """An optimum that has the Hessian where J'J is singular, as where a model's two lags are equal.
+
+    They have one slope there, but together a curvature.
+
+    Parameters
+    ----------
+    end
+        The optimum, whose first entry counts.
+    gram
+        Gram matrices of the problem.
+    """
+    if _scaled_inverse(end.gram[0, :-1, :-1], NEAR_SINGULAR) is not None:
+        return end
+    matrix = end.gram[0].copy()
+    matrix[:-1, :-1] = hessian_of(gram, end.values[0])
+    is_better = _scaled_inverse(matrix[:-1, :-1], NEAR_SINGULAR) is not None
+    return replace(end.only([0]), gram=matrix[None]) if is_better else end
 
 
 def errors_from(
@@ -97,14 +120,16 @@ def covariance_at_bounds(
     return np.asarray(scaled * np.outer(errors / size, errors / size))
 
 
-def _scaled_inverse(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+def _scaled_inverse(
+    matrix: FloatArray, least: float = SINGULAR
+) -> tuple[FloatArray, FloatArray] | None:
     """Inverse of a matrix scaled to a unit diagonal, and the scale; None if it is singular."""
     diagonal = np.diag(matrix)
     if not (np.all(np.isfinite(matrix)) and np.all(diagonal > 0.0)):
         return None
     scale = np.sqrt(diagonal)
     eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    if eigenvalues[0] <= SINGULAR * eigenvalues[-1]:
+    if eigenvalues[0] <= least * eigenvalues[-1]:
         return None
     return (vectors / eigenvalues) @ vectors.T, scale
 
