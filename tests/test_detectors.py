@@ -345,3 +345,53 @@ def test_nothing_is_called_wrong_of_people_who_see_ahead(folder: str) -> None:
     for file in files:
         told = recording_remarks(load_recording(file, names))
         assert not [r for r in told if r.grade == "wrong"], file.name
+
+
+def in_run(recording: Recording, run: int, fault: str, seed: int = 1) -> Recording:
+    """A recording of which one run has a fault."""
+    whole, other = recording, FAULTS[fault](recording, seeded(seed))
+    rows = np.arange(whole.runs)[:, None] == run
+    changed = {n: np.where(rows, getattr(other, n), getattr(whole, n)) for n in ("e", "u", "x")}
+    return replace(whole, **changed)
+
+
+@pytest.mark.parametrize("lines", [("ft", "fd"), ("ft",)], ids=["fd", "no fd"])
+@pytest.mark.parametrize(
+    ("fault", "code"), [("u early 100 ms", "late-signal"), ("u late 100 ms", "late-signal")]
+)
+def test_one_run_that_is_late_is_named(lines: tuple[str, ...], fault: str, code: str) -> None:
+    scenario = replace(SCENARIOS["target-only" if lines == ("ft",) else "nominal"], runs=4)
+    sound = bare(simulate(scenario, seeded(3)), *lines)
+    assert remarks(sound) == ()
+    (told,) = remarks(in_run(sound, 2, fault))
+    assert told.code == code
+    assert "run 3" in told
+    assert "100 ms" in told or lines == ("ft",)
+
+
+def test_one_run_of_another_gain_is_named_and_nothing_else() -> None:
+    sound = simulate(replace(SCENARIOS["nominal"], runs=4), seeded(3))
+    told = [*remarks(in_run(sound, 1, "u times 1.2"))]
+    assert [r.code for r in told] == ["wrong-unit"]
+    assert told[0].startswith("run 2: ")
+    scaled = replace(sound, fd=1.1 * sound.input("fd"))
+    assert [r.code for r in remarks(scaled)] == ["wrong-unit"]
+
+
+@pytest.mark.parametrize("forced", [True, False])
+def test_a_control_of_other_runs_has_no_wrong_sign(forced: bool) -> None:
+    scenario = replace(SCENARIOS["nominal" if forced else "target-only"], runs=3)
+    sound = simulate(scenario, seeded(4))
+    told = remarks(replace(sound, u=np.roll(sound.u, 1, axis=0)))
+    assert [r.code for r in told] == ["output-unrelated"]
+    two = remarks(replace(sound, u=sound.u[[1, 0, 2]])) if forced else ()
+    assert not forced or "run 1, 2" in two[0]
+
+
+def test_a_code_for_missing_values_that_stands_for_seconds_is_found() -> None:
+    sound = bare(simulate(replace(SCENARIOS["target-only"], runs=2), seeded(4)), "ft")
+    u = sound.u.copy()
+    u[:, 1000:1150] = -9999.0
+    first = remarks(replace(sound, u=u))[0]
+    assert first.code == "lost-samples"
+    assert "-9999" in first

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from pilotid.checks.detectors import Finding, findings, step_of, unit_conversion
-from pilotid.checks.plant import element_changes, opposed, plant_of, response_ratios, unrelated
+from pilotid.checks.plant import element_changes, opposed, plant_of, runs_apart, unrelated
 from pilotid.recording.recording import ABSENT, Recording, remembered
 from pilotid.recording.spectra import at_lines, known_lines, same_lines, target_lines
 from pilotid.recording.windows import longest_run, of_runs
@@ -55,7 +55,7 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
     tabled = [row(recording) for row in CHECKS]
     faults = [f for f in findings(recording) if f.grade != "note"]
     # Lost samples do so, too, but no wrong name explains them.
-    related = any(
+    related = any(row.code == "lost-samples" for row in tabled if row) or any(
         f.code in (*RELATED, "lost-samples") and f.signal != "e" and not _turned(f) for f in faults
     )
     named = _names_by_lines(recording, ABOUT_ERROR if related else ABOUT_ERROR + ABOUT_OUTPUT)
@@ -82,8 +82,11 @@ def motionless(recording: Recording, name: str) -> bool:
 
 @remembered
 def _usual(recording: Recording, name: str) -> float:
-    """Root mean square of a signal without the largest hundredth of its samples."""
-    square = recording.window(recording.input(name)).ravel() ** 2
+    """Root mean square of a signal without the largest hundredth of its samples, nor a code."""
+    signal = recording.window(recording.input(name)).ravel()
+    # A code for missing values may stand for seconds, but it is one value.
+    others = signal[signal != signal[np.argmax(np.abs(signal))]]
+    square = (others if others.size else signal) ** 2
     count = max(1, round(0.99 * square.size))
     square.partition(count - 1)
     return float(np.sqrt(np.mean(square[:count])))
@@ -93,15 +96,15 @@ def _usual(recording: Recording, name: str) -> float:
 def _spikes(recording: Recording) -> Found:
     """A sample far beyond all others is a code for a missing value, or a fault."""
     for name in ("e", "u", "x", *recording.extra):
-        window = np.abs(recording.window(recording.input(name)))
+        window = recording.window(recording.input(name))
         usual = _usual(recording, name)
-        run, sample = divmod(int(np.argmax(window)), window.shape[1])
-        size = float(window[run, sample])
+        run, sample = divmod(int(np.argmax(np.abs(window))), window.shape[1])
+        value = float(window[run, sample])
         if usual > 0.0:
             yield (
-                size / usual,
-                f"{name} is {size:.3g} at t = {sample * recording.dt:.4g} s "
-                f"of run {run + 1}, {size / usual:.2g} times its usual size: a code for a missing "
+                abs(value) / usual,
+                f"{name} is {value:.6g} at t = {sample * recording.dt:.4g} s "
+                f"of run {run + 1}, {abs(value) / usual:.2g} times its usual size: a code for a missing "
                 "value or a fault; repair it or leave that part out",
             )
 
@@ -350,18 +353,15 @@ ABOUT_OUTPUT: tuple[NameCheck, ...] = (opposed, element_changes, unrelated)
 
 
 @check("element-differs", math.log(SIGNAL.unlike_element))
-def unlike(recording: Recording) -> Found:
+def _unlike(recording: Recording) -> Found:
     """One run of another element: the output holds no noise, so that each run shows its own."""
-    ratios = response_ratios([plant_of(recording, run) for run in range(recording.runs)])
-    if ratios is None:
-        return
-    # A band in which one run differs may lie at a resonance; an element differs in most.
-    middle = np.median(ratios.real, axis=0) if recording.runs > 2 else 0.0
-    apart = np.median(np.abs(ratios.real - middle), axis=1)
-    run = int(np.argmax(apart))
-    yield (
-        float(apart[run]),
-        f"the controlled element of run {run + 1} differs from that of the "
-        f"other{'s' * (recording.runs > 2)} by a factor of {np.exp(apart[run]):.2g}: they are not "
-        "of one condition, or not in one unit; leave it out, or fit runs one by one",
-    )
+    for others, _, ratios in runs_apart(recording):
+        # A band in which one run differs may lie at a resonance; an element differs in most.
+        apart = np.median(np.abs(ratios.real), axis=1)
+        run = int(np.argmax(apart))
+        yield (
+            float(apart[run]),
+            f"the controlled element of run {run + 1} differs from that of {others} by a factor of "
+            f"{np.exp(apart[run]):.2g}: they are not of one condition, or not in one unit; leave "
+            "it out, or fit runs one by one",
+        )

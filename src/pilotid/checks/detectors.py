@@ -17,15 +17,18 @@ import numpy as np
 
 from pilotid.checks.element_forms import drive_of, fits_of, simplest, spectra_in_window
 from pilotid.checks.plant import (
+    MUCH,
     Answered,
     against_forcing,
     answered,
     derivatives,
     regression,
+    runs_apart,
     shifted,
 )
 from pilotid.model.element import parsed_element
 from pilotid.recording.recording import Recording, remembered
+from pilotid.recording.windows import of_runs
 from pilotid.support.limits import ELEMENT, RECORDER
 from pilotid.support.remarks import GRADES, Grade, Remark
 from pilotid.support.types import FloatArray
@@ -234,16 +237,51 @@ class _Look:
         """Times of u, fd and x against one another, and what the drive holds of fd."""
         if "x" not in self.signals:
             return []
-        late = list(self._against_forcing())
-        if not any(f.code == "late-signal" for f in (*late, *faults)):
-            late += self._against_element()
+        late = list(self.against_forcing())
+        # With another share of fd in the drive the element's answer is none.
+        if not late and not any(f.code == "late-signal" for f in faults):
+            late = [*self._late_in_a_run()] or [*self._against_element()]
         return late
 
-    def _against_forcing(self) -> Iterator[Finding]:
+    def _late_in_a_run(self) -> Iterator[Finding]:
+        """One run whose output has other times: its phase differs in proportion to frequency."""
+        for others, omega, ratios in runs_apart(self.recording):
+            weight = float(omega @ omega)
+            times = -ratios.imag @ omega / weight
+            scatter = np.std(ratios.imag + times[:, None] * omega, axis=1) / math.sqrt(weight)
+            surely = np.abs(times) > np.maximum(RECORDER.errors * scatter, RECORDER.run_apart)
+            run = int(np.argmax(np.abs(times)))
+            name, other = ("x", "u") if times[run] > 0.0 else ("u", "x")
+            words = (
+                f"run {run + 1}: {name} is {1e3 * abs(times[run]):.3g} ms later against {other} "
+                f"than in {others}, and delays are wrong by as much; shift it in the file, or "
+                f"leave run {run + 1} out with --runs"
+            )
+            if surely[run]:
+                yield Finding("late-signal", name, "wrong", abs(float(times[run])), "s", words)
+
+    def _of_some_runs(self) -> Iterator[Finding]:
+        """Times and gains of u and fd that are wrong in some runs alone."""
+        every = range(1, self.recording.runs + 1)
+        looks = [_Look(of_runs(self.recording, [run], f"run {run}")) for run in every]
+        told = {run: list(look.against_forcing()) for run, look in zip(every, looks, strict=True)}
+        wrong = [run for run, faults in told.items() if faults]
+        if len(wrong) == len(every):
+            return  # which all of them together tell best
+        words = f"run {', '.join(map(str, wrong))}"
+        for fault in told[wrong[0]] if wrong else ():
+            what = fault.sentence.partition("; ")[0]
+            cure = f"mend {words} in the file, or leave {words} out with --runs"
+            yield replace(fault, sentence=f"{words}: {what}; {cure}")
+
+    def against_forcing(self) -> Iterator[Finding]:
         """Times and gains of u and fd against one another, whatever the element is."""
         if "fd" not in self.signals or _is_stepped(self.signals["fd"]):
             return
         best = against_forcing(self.signals, self.dt)
+        if best.left > MUCH and self.recording.runs > 1 and (found := [*self._of_some_runs()]):
+            yield from found
+            return
         if not best.left < RECORDER.left:
             return
         # Noise on x, which stands on the right-hand side, moves times and shares.
@@ -317,8 +355,8 @@ def _band_ends(name: str, size: float, usable: float, why: str) -> Finding:
 def _late(name: str, other: str, late: float, dt: float) -> Finding:
     word, by = ("late", "earlier") if late > 0 else ("early", "later")
     words = (
-        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other} ({abs(late) / dt:.2g} samples):"
-        f" take {name} so much {by}, since delays are wrong by as much"
+        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other} ({abs(late) / dt:.2g} samples), "
+        f"and delays are wrong by as much; take {name} so much {by}"
     )
     grade: Grade = "doubt" if name in ("ft", "fd") else "wrong"
     return Finding("late-signal", name, grade, late, "s", words)

@@ -10,7 +10,7 @@ the magnitude tells which phase a positive element has (Bode's relation for mini
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -334,6 +334,8 @@ def _signs(recording: Recording, plant: Plant | None) -> tuple[str, ...] | None:
     """The signals whose signs must be turned round for a positive element; None if untold."""
     if plant is None or (not plant.opposed and abs(plant.polarity) < -ELEMENT.negative):
         return None
+    if recording.fd is not None and plant.mean_coherence < ELEMENT.unrelated:
+        return None  # x is not the answer to either
     if not plant.opposed:
         wrong = ("u",) if recording.fd is None else ("u", "fd")
         return wrong if plant.polarity < 0.0 else ()
@@ -350,17 +352,33 @@ def is_gain(recording: Recording) -> bool:
     return known.size >= FEWEST_BANDS and bool(np.max(off) <= ELEMENT.flat)
 
 
-def response_ratios(plants: Sequence[Plant | None]) -> ComplexArray | None:
-    """Logarithms of responses over the first one, where all are coherent, shape (plants, bands).
+def response_ratios(
+    plants: Sequence[Plant | None],
+) -> tuple[FloatArray, ComplexArray] | None:
+    """Frequencies where all are coherent, and logarithms of responses over the first one there.
 
-    None if a plant is not known, or too few bands are coherent in all.
+    Shapes (bands,) and (plants, bands); None if a plant is not known, or too few bands are coherent
+    in all.
     """
     known = [plant for plant in plants if plant is not None]
     if len(known) < max(2, len(plants)):
         return None
     good = np.all([plant.coherence >= ELEMENT.coherent for plant in known], axis=0)
     ratios = np.array([plant.response[good] / known[0].response[good] for plant in known])
-    return np.asarray(np.log(ratios)) if ratios.shape[1] >= FEWEST_BANDS else None
+    return (known[0].omega[good], np.log(ratios)) if len(ratios.T) >= FEWEST_BANDS else None
+
+
+def runs_apart(recording: Recording) -> Iterator[tuple[str, FloatArray, ComplexArray]]:
+    """What the other runs are called, and how far each run's response is from theirs.
+
+    Frequencies and logarithms of ratios as in `response_ratios`; nothing where they are not known.
+    """
+    told = response_ratios([plant_of(recording, run) for run in range(recording.runs)])
+    if told is not None:
+        omega, ratios = told
+        if recording.runs > 2:
+            ratios -= np.median(ratios.real, axis=0) + 1j * np.median(ratios.imag, axis=0)
+        yield "the other" + "s" * (recording.runs > 2), omega, ratios
 
 
 def element_changes(recording: Recording) -> Remark | None:
@@ -369,9 +387,9 @@ def element_changes(recording: Recording) -> Remark | None:
     signals, halves = (recording.x, drive_of(recording)), (slice(half), slice(-half, None))
     spectra = ([_spectrum(recording, signal, part) for signal in signals] for part in halves)
     ratios = response_ratios([_answer(x, v, half * recording.dt) for x, v in spectra])
-    if ratios is None or np.median(np.abs(ratios[1])) <= ELEMENT.changed:
+    if ratios is None or np.median(np.abs(ratios[1][1])) <= ELEMENT.changed:
         return None
-    factor = float(np.exp(np.max(np.abs(ratios[1].real))))
+    factor = float(np.exp(np.max(np.abs(ratios[1][1].real))))
     return Remark(
         "element-differs",
         "the controlled element of the second half differs from that of the first by a factor of "
@@ -382,14 +400,27 @@ def element_changes(recording: Recording) -> Remark | None:
 
 def unrelated(recording: Recording) -> Remark | None:
     """An output that is not the control's answer belongs to another run or time."""
-    plant = plant_of(recording)
-    least = ELEMENT.unrelated_without_fd if recording.fd is None else ELEMENT.unrelated
-    if plant is None or plant.mean_coherence >= least:
+    is_forced = recording.fd is not None
+    least = ELEMENT.unrelated if is_forced else ELEMENT.unrelated_without_fd
+    enough = least if is_forced else ELEMENT.unrelated_in_part
+    plant, what = plant_of(recording), "u + fd" if is_forced else "u"
+    every = {run: plant_of(recording, run) for run in range(recording.runs)}
+    wrong = [str(run + 1) for run, p in every.items() if p and p.mean_coherence < least]
+    if plant is None or (plant.mean_coherence >= enough and not wrong):
         return None
-    what = "u" if recording.fd is None else "u + fd"
+    if plant.mean_coherence >= least and not wrong:
+        return Remark(
+            "output-unrelated",
+            f"x is the answer to u in part only: their coherence is {plant.mean_coherence:.2f}; a "
+            "disturbance that is not recorded acts (give it as fd), or signals are of different "
+            "runs or times",
+            "note",
+        )
+    where = f" in run {', '.join(wrong)}" if 0 < len(wrong) < recording.runs else ""
+    coherence = min((p.mean_coherence for p in (plant, *every.values()) if p), default=0.0)
     return Remark(
         "output-unrelated",
-        f"x is not the answer to {what}: their coherence is {plant.mean_coherence:.2f} where an "
+        f"x is not the answer to {what}{where}: their coherence is {coherence:.2f} where an "
         "element without noise has 1; the signals are of different runs, times, axes or units, "
         "another disturbance acts, or the element changes during the recording",
     )

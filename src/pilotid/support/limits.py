@@ -31,6 +31,7 @@ class RecorderLimits(NamedTuple):
     biased: float = 2.0  # s for each share of u unexplained, by which noise on x moves times (1)
     answer: tuple[float, float] = (0.7, 0.003)  # the same of x: half a sample is a way to simulate
     errors: float = 5.0  # standard errors beyond which a time differs from none
+    run_apart: float = 0.015  # s, of x against u in one run beside the others (.0064)
     told: float = 0.01  # s, standard error up to which a time is told
     gain: float = 0.05  # by which the share of fd in the drive differs from 1 (.014)
     no_share: float = 0.01  # of fd in the drive, that is none
@@ -72,6 +73,7 @@ class ElementLimits(NamedTuple):
     clearly: float = 0.05  # by which coherence must be larger for a sign to be the other one
     unrelated: float = 0.91  # mean coherence below which x is not the answer to u (least .93)
     unrelated_without_fd: float = 0.3  # where a disturbance may not be recorded (least .43)
+    unrelated_in_part: float = 0.65  # the same: of 36 files of people the least has .76
     changed: float = 0.35  # relative difference between the halves (.16; rate to acceleration 1.1)
     flat: float = 0.15  # relative, by which the response of an element that is a gain differs
     stands_out: float = 3.0  # times the noise from which a line tells the element's angle
