@@ -204,6 +204,15 @@ def test_a_forcing_function_without_whole_periods_is_no_multisine() -> None:
         forcing_lines(part_of(recording, samples=slice(-300)))
 
 
+def test_lines_that_the_forcing_function_does_not_have_are_refused() -> None:
+    recording = noisy()
+    off = {name: tuple(1 + np.array(lines)) for name, lines in recording.lines.items()}
+    with pytest.raises(NotMultisineError):
+        forcing_lines(replace(recording, lines=off))
+    one = {name: lines[:-1] for name, lines in recording.lines.items()}
+    assert forcing_lines(replace(recording, lines=one))["ft"].tolist() == list(one["ft"])
+
+
 def two_on_error() -> PilotModel:
     visual = SINGLE.channels[0]
     return PilotModel("both", (visual, replace(visual, name="again")))
@@ -240,7 +249,11 @@ def test_images_of_lines_in_a_target_that_was_held_are_no_lines() -> None:
         (no_forcing(noisy()), SINGLE, "neither ft or fd"),
         (simulate(scenario_named("target-only"), np.random.default_rng(1)), MULTI, "both a target"),
         (noisy(), two_on_error(), "two channels on one input"),
-        (replace(noisy(), lines={"ft": (6, 9), "fd": (5, 9)}), MULTI, "common lines"),
+        (
+            replace(noisy(), fd=noisy().ft, lines={"ft": (6, 9), "fd": (6, 9)}),
+            MULTI,
+            "common lines",
+        ),
         (replace(noisy(), lines={"ft": (6,)}, fd=None), MODELS["gain"], "single line"),
         (replace(noisy(), lines={"ft": (6, 9)}, fd=None), SINGLE, "too few"),
         (replace(noisy(), lines={"ft": (6, 2048)}), SINGLE, "half the number of samples"),

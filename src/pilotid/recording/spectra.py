@@ -23,6 +23,8 @@ SAME = 0.02  # e + x below this share of e is no target
 #: rad/s below which the lines of forcing functions for people are; above lie the images of lines
 #: where a signal was held between samples.
 FASTEST_LINE = 50.0
+#: Least share of a forcing function's power at the lines that a file names.
+GIVEN_SHARE = 0.1
 #: A multisine leaves most of the bins between its first and last line to the remnant.
 CROWDED = 0.34
 #: A run has a line if its amplitude is at least this share of the root mean square over the runs.
@@ -96,6 +98,14 @@ def lines_of(recording: Recording, name: str) -> IntArray:
             raise NotMultisineError(
                 f"the lines of {name} must lie between 1 and half the number of samples"
             )
+        if forcing is not None:
+            power = np.sum(np.abs(np.fft.rfft(recording.window(forcing))[:, 1:]) ** 2, axis=0)
+            share = float(power[lines - 1].sum() / (power.sum() or 1.0))
+            if share < GIVEN_SHARE:
+                raise NotMultisineError(
+                    f"the lines of {name} that are given hold {100.0 * share:.0f} % of its power: "
+                    "correct them (multiples of 1 / T, the first is 1), or leave them out"
+                )
         return lines
     if forcing is None:
         return np.zeros(0, dtype=int)
