@@ -104,8 +104,8 @@ def _spikes(recording: Recording) -> Found:
             yield (
                 abs(value) / usual,
                 f"{name} is {value:.6g} at t = {sample * recording.dt:.4g} s "
-                f"of run {run + 1}, {abs(value) / usual:.2g} times its usual size: a code for a missing "
-                "value or a fault; repair it or leave that part out",
+                f"of run {run + 1}, {abs(value) / usual:.2g} times its usual size: a code for a "
+                "missing value or a fault; repair it or leave that part out",
             )
 
 

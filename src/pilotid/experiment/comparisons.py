@@ -22,7 +22,7 @@ CONTRAST_COLUMNS = (
     *("condition_a", "condition_b", "model_a", "model_b", "method", "parameter", "unit"),
     *("subjects", "mean_a", "mean_b", "difference", "std_error", "t", "freedom", "p", "p_holm"),
     *("lower_95", "upper_95", "effect_size", "notes", "robust_difference", "wilcoxon_p"),
-    *("lower_holm_95", "upper_holm_95"),
+    *("lower_holm_95", "upper_holm_95", "model_suits"),
 )
 FACTOR_COLUMNS = (
     *("method", "parameter", "unit", "effect", "subjects", "F", "df1", "df2", "p", "epsilon"),
@@ -141,7 +141,10 @@ def contrasts(results: Results) -> DataFrame:
         if "t" not in numbers:
             none = "no test: it takes two subjects, one unit, and differences that scatter"
             notes = " | ".join(filter(None, [notes, none]))
-        rows.append(head | numbers | {"unit": ", ".join(units), "notes": notes})
+        stratum = tuple(head[name] for name in names)
+        _, suits = results.compared.get((stratum, (a, b)), (None, True))
+        numbers |= {"unit": ", ".join(units), "notes": notes}
+        rows.append(head | numbers | {"model_suits": suits or of["kind"].iloc[0] != PARAMETER})
     frame = DataFrame(rows, columns=[*names, *CONTRAST_COLUMNS])
     ends = frame[[*names, *CONTRAST_COLUMNS[:6], "mean_a", "mean_b"]].round(9)
     loops = ends["parameter"].str.replace("^(target|disturbance)_", "", regex=True)

@@ -174,7 +174,8 @@ def responses_figure(responses: DataFrame) -> Drawing:
                 omega = np.array([*by_line.groups]) * (1.0 + 0.02 * (place - len(conditions) / 2))
                 covariance = np.diag(np.tile(np.square(error) / Z95**2, 2))
                 response = FrequencyResponse(omega, np.array([mean]), covariance)
-                bode.points(response, 0, COLOURS[place % len(COLOURS)], "o", condition)
+                colour, marker = COLOURS[place % 7], MARKERS[place // 7 % len(MARKERS)]
+                bode.points(response, 0, colour, marker, condition)
             bode.frame()
             axes[0].set_title(f"{channel} channel, magnitude", loc="left")
         _legend(figure, *panels[0, 0].get_legend_handles_labels())

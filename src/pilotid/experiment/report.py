@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from pilotid.estimate.quantities import UNDETERMINED, symbol
 from pilotid.experiment.comparisons import POWER, SHARE, not_compared, planned, sensitivity
 from pilotid.experiment.figures import figures
@@ -56,12 +58,13 @@ FORMS: Mapping[str, Callable[..., str]] = {
 }
 TITLES = {
     "subjects": "n", "freedom": "df", "p_holm": "p Holm", "effect_size": "d_z",
-    "interval_95": "95 % interval", "eta_squared": "partial eta²", "vaf_mean": "vaf",
+    "interval_95": "95 % interval, Holm", "eta_squared": "partial eta²", "vaf_mean": "vaf",
 }  # fmt: skip
 #: Columns for the page, for papers, and for the terminal.
 TESTED = (
-    *("method", "conditions", "parameter", "unit", "subjects", "difference", "interval_95", "t"),
-    *("freedom", "p", "p_holm", "effect_size", "robust_difference", "wilcoxon_p", "notes"),
+    *("method", "conditions", "model", "parameter", "unit", "subjects", "difference"),
+    *("interval_95", "t", "freedom", "p", "p_holm", "effect_size", "robust_difference"),
+    *("wilcoxon_p", "notes"),
 )
 PAPER = TESTED[:-3]
 BRIEF = tuple(name for name in PAPER if name != "interval_95")
@@ -102,14 +105,19 @@ def contrast_table(
     results: Results, frame: DataFrame, caption: str, columns: Sequence[str]
 ) -> Table:
     """A row for each contrast."""
-    error = frame["std_error"]
+    error, suits = frame["std_error"], frame["model_suits"].astype(bool)
+    both = frame["model_a"] + ", " + frame["model_b"]
+    model = frame["model_a"].where(frame["model_a"] == frame["model_b"], both)
+    if not suits.all():
+        caption += "; * describes one of the conditions clearly worse than its own model does"
     frame = frame.assign(
+        model=model + np.where(suits, "", " *"),
         conditions=frame["condition_a"] + (":" + frame["condition_b"]),
         difference=[*map(unsigned, frame["difference"], error)],
         interval_95=[*map(_interval, frame["lower_holm_95"], frame["upper_holm_95"], error)],
         robust_difference=[*map(to_error, frame["robust_difference"], error)],
     )
-    return frame_table(frame, caption, [*results.strata, *columns], len(results.strata) + 3)
+    return frame_table(frame, caption, [*results.strata, *columns], len(results.strata) + 4)
 
 
 def notable(frame: DataFrame) -> DataFrame:
@@ -276,10 +284,13 @@ def summary(results: Results) -> Iterator[str]:
     contrasts = results.contrasts
     if len(contrasts):
         quantities = contrasts.groupby([*results.strata, "method", "parameter"]).ngroups
+        first, _ = notable_contrasts(results)
         yield (
             f"{(contrasts['p_holm'] < LEVEL).sum()} of {len(contrasts)} differences have "
             f"p < {LEVEL:g} (Holm's correction is for the pairs, not for the number of "
-            f"quantities: by chance about {LEVEL * quantities:.2g} of {quantities} would)."
+            f"quantities: by chance about {LEVEL * quantities:.2g} of {quantities} would). The "
+            f"table has {len(first)} of parameters, loops, {', '.join(HEADLINES)}; `contrasts.csv` "
+            "has all."
         )
     shown = [rows[LEFT_OUT] != "" for _, rows in results.groups()]
     if out := sum(int(missing.sum()) for missing in shown):

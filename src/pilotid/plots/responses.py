@@ -239,7 +239,8 @@ class Bode:
     def __init__(self, axes: tuple[Axes, Axes], omega: FloatArray) -> None:
         self.above, self.below = axes
         self.omega = omega
-        self._phase: FloatArray | None = None  # of the first line, on whose turn all others are
+        #: Frequencies and phase of what was drawn first, on whose turn all others are.
+        self._first: tuple[FloatArray, FloatArray] | None = None
 
     def line(
         self,
@@ -261,9 +262,8 @@ class Bode:
             Standard errors of log-magnitude and phase [rad], shape (2, n).
         """
         size, phase = np.abs(response), np.unwrap(np.angle(response))
-        if self._phase is None:
-            self._phase = phase
-        phase += 2.0 * np.pi * np.round((self._phase[0] - phase[0]) / (2.0 * np.pi))
+        self._first = self._first or (self.omega, phase)
+        phase += 2.0 * np.pi * np.round((self._first[1][0] - phase[0]) / (2.0 * np.pi))
         for axes, y in ((self.above, size), (self.below, np.rad2deg(phase))):
             axes.plot(self.omega, y, color=colour, linestyle=dash, linewidth=1.2, label=label)
         if errors is not None and np.isfinite(errors).all():
@@ -281,10 +281,9 @@ class Bode:
         omega, response = measured.omega, measured.value[channel]
         # Each part, real and imaginary, has half of the error's power.
         size, reach = np.abs(response), Z95 * measured.std[channel] / np.sqrt(2.0)
-        phase = np.unwrap(np.angle(response))
-        if self._phase is not None:
-            line = np.interp(omega, self.omega, self._phase)
-            phase = line + np.angle(response * np.exp(-1j * line))
+        self._first = self._first or (omega, np.unwrap(np.angle(response)))
+        line = np.interp(omega, *self._first)
+        phase = line + np.angle(response * np.exp(-1j * line))
         look: dict[str, Any] = {"color": colour, "ecolor": (colour, 0.5), "elinewidth": 0.8}
         look |= {"fmt": marker, "markersize": 4.0, "markerfacecolor": "white"}
         # A bar that reached down to zero would reach to minus infinity here.
