@@ -470,6 +470,17 @@ def test_rows_of_runs_may_alternate(tmp_path: Path) -> None:
     assert_equal(load_recording(written("\n".join([header, *mixed]))(tmp_path)), blocks)
 
 
+def test_a_clock_may_run_on_from_run_to_run(tmp_path: Path) -> None:
+    signals = np.random.default_rng(2).standard_normal((2 * SAMPLES, 3)).tolist()
+    lines = [
+        [str(place // SAMPLES), repr(DT * place + 3.0 * (place // SAMPLES)), *map(repr, row)]
+        for place, row in enumerate(signals)
+    ]
+    text = "\n".join(["run,t,e,u,x", *map(",".join, lines)])
+    recording = load_recording(written(text)(tmp_path))
+    assert (recording.runs, recording.samples, recording.dt) == (2, SAMPLES, DT)
+
+
 def test_forcing_function_common_to_runs_or_one_each(tmp_path: Path) -> None:
     header = "t,u_2,u_1,e_1,e_2,x_1,x_2,ft,fd_1,fd_2"
     columns = np.random.default_rng(1).standard_normal((9, SAMPLES))

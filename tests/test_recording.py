@@ -181,3 +181,23 @@ def test_a_recording_can_be_pickled_and_copied() -> None:
         assert other.to_dict() == recording.to_dict()
         np.testing.assert_array_equal(other.u, recording.u)
         assert not other.u.flags.writeable
+
+
+def test_a_row_is_one_run() -> None:
+    rows = np.random.default_rng(1).standard_normal((3, 2000))
+    e, u, x = rows
+    recording = Recording(dt=0.01, e=e, u=u, x=x)
+    assert (recording.runs, recording.samples) == (1, 2000)
+    assert np.array_equal(recording.u[0], u)
+
+
+def test_run_ins_of_recordings_that_are_joined_have_the_length_that_all_have() -> None:
+    signals = np.random.default_rng(1).standard_normal((2, 3, 1, 2100))
+    first, second = (
+        Recording(dt=0.01, e=e[:, skip:], u=u[:, skip:], x=x[:, skip:], run_in=100 - skip)
+        for skip, (e, u, x) in zip((0, 40), signals, strict=True)
+    )
+    whole = joined([first, second])
+    assert (whole.runs, whole.run_in, whole.samples) == (2, 60, 2000)
+    assert np.array_equal(whole.window(whole.u)[0], first.window(first.u)[0])
+    assert np.array_equal(whole.u[1], second.u[0])

@@ -38,9 +38,9 @@ LEAD_IN = 3.0  # seconds from which a prediction starts, where no run-in is long
 class Recording:
     """One condition of one subject or simulation, in one or more runs.
 
-    All signals are read-only arrays of shape (runs, samples) on one uniform
-    time base; the first `run_in` samples lie before t = 0 and are pre-history:
-    methods may use them to start from, and score only what follows.
+    All signals are read-only arrays of shape (runs, samples), given as (samples,) of one run,
+    on one uniform time base; the first `run_in` samples lie before t = 0 and are
+    pre-history: methods may use them to start from, and score only what follows.
 
     Attributes
     ----------
@@ -103,7 +103,8 @@ class Recording:
         if not 0.0 < self.dt <= COARSEST:
             self._refuse(
                 f"the sampling interval is {self.dt:.3g} s; a pilot's control needs at most "
-                f"{COARSEST:g} s between samples; give the time in seconds"
+                f"{COARSEST:g} s between samples; give the time in seconds (of ms "
+                "with --map t=0.001*NAME)"
             )
         for name in ("u", *SIGNALS):
             value = getattr(self, name)
@@ -141,13 +142,13 @@ class Recording:
                 f"signal {name} must be an array of real numbers, none of them masked; repair or "
                 "cut the recording there"
             )
-        array = given.astype(float, order="C")
+        array = np.atleast_2d(given.astype(float, order="C"))  # a row is one run
         shape = array.shape if name == "u" else self.u.shape
         if name not in ("e", "u", "x") and array.shape == (1, *shape[1:]):
             array = np.repeat(array, shape[0], axis=0)  # the same function in every run
         if array.ndim != 2 or not len(array) or array.shape != shape:
             self._refuse(
-                f"signal {name} is of the shape {array.shape} and u of {shape}; all must be equal, "
+                f"signal {name} is of the shape {given.shape} and u of {shape}; all must be equal, "
                 "(runs, samples)"
             )
         bad = ~(np.abs(array) <= LARGEST_VALUE)
@@ -315,12 +316,12 @@ def joined(recordings: Iterable[Recording]) -> Recording:
     """Several recordings of one subject and condition as the runs of one recording.
 
     Their forcing functions may differ in lines, amplitudes and phases; one that only some of them
-    have is zero in the others.
+    have is zero in the others.  Of run-ins that differ the ends count that all have.
 
     Raises
     ------
     InputError
-        If the sampling interval, length, run-in or the signals recorded differ.
+        If the sampling interval, length or the signals recorded differ.
     """
     recordings, added = _with_all_forcing(list(recordings))
     first = recordings[0]
@@ -328,7 +329,6 @@ def joined(recordings: Iterable[Recording]) -> Recording:
         for what, a, b in (
             ("sampling interval", f"{first.dt:.5g}", f"{other.dt:.5g}"),
             ("number of samples", first.samples, other.samples),
-            ("run-in", first.run_in, other.run_in),
             ("set of signals", " ".join(first.signals), " ".join(other.signals)),
             ("set of units", {**other.units, **first.units}, {**first.units, **other.units}),
         ):
@@ -337,7 +337,14 @@ def joined(recordings: Iterable[Recording]) -> Recording:
                     f"{other.source}: the {what} ({b}) differs from that of {first.source} ({a}), "
                     "so the two cannot be runs of one recording"
                 )
-    every = [recording.arrays for recording in recordings]
+    shortest = min(recording.run_in for recording in recordings)
+    every = [
+        {
+            name: signal[:, recording.run_in - shortest :]
+            for name, signal in recording.arrays.items()
+        }
+        for recording in recordings
+    ]
     lines = {}
     for name in ("ft", "fd"):  # none for a function of which one recording names none
         moved = [r for r in recordings if name in r.lines or np.any(getattr(r, name))]
@@ -346,6 +353,7 @@ def joined(recordings: Iterable[Recording]) -> Recording:
     return first.with_arrays(
         {name: np.concatenate([arrays[name] for arrays in every]) for name in every[0]},
         lines=lines,
+        run_in=shortest,
         source=f"{first.source} and {len(recordings) - 1} more",
         treatment=tuple(dict.fromkeys([*(s for r in recordings for s in r.treatment), *added])),
     )

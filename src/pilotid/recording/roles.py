@@ -248,7 +248,7 @@ def _columns_of_signals(
         picks = ",".join(f"{s}={content.kind.upper()}" for s in absent)
         raise InputError(
             f"{source}: has no {content.kind} {', '.join(what)}, only {listed(content.families)}; "
-            f"name the right one with --map {picks}{' or give --dt 0.01' * ('t' in absent)}"
+            f"name the right one with --map {picks}, a factor as in u=-0.5*NAME{' or give --dt 0.01' * ('t' in absent)}"
             f"{f' or read a part, as in {source}::{holding[0]}' if holding else ''}"
         )
     for signal, names in columns.items():
@@ -288,6 +288,8 @@ def _time_base(times: FloatArray | None, stated: Sequence[float], source: str) -
     if times is None:
         dt, negative, reach = stated[0], 0, SNAP
     else:
+        if np.all(times[1:, 0] > times[:-1, -1]):  # a clock that runs on from run to run
+            times = times - times[:, :1] + times[0, 0]
         t = times[0].astype(float)
         if t.size < 2:
             raise InputError(f"{source}: holds {t.size} samples; at least 10 s are needed")
