@@ -36,6 +36,7 @@ from pilotid.experiment.figures import (
     variances_figure,
 )
 from pilotid.experiment.files import Part, with_factors
+from pilotid.experiment.fits import other_units
 from pilotid.experiment.report import means_tables, notable_contrasts, tables_tex
 from pilotid.experiment.results import Fitting, Results, Settings, results_of
 from pilotid.likelihood.choice import Candidate, Choice
@@ -340,3 +341,16 @@ def test_shifts_are_in_claimed_errors_of_estimates_that_count() -> None:
     assert table.to_dict("records") == [
         {"condition": "C1", "otherwise": "band", "method": "mle", "tlead": pytest.approx(0.5)}
     ]
+
+
+def test_a_recording_in_another_unit_than_those_beside_it_is_wrong() -> None:
+    sizes = {"1": 1.0, "2": 1.7, "3": 0.0175, "4": 0.8}
+    looks = {
+        Part((Path(subject),), {"subject": subject, "condition": "A"}): {
+            "estimates": [{"quantities": [{"parameter": "rms_x", "value": size}]}]
+        }
+        for subject, size in sizes.items()
+    }
+    ((part, remark),) = other_units(looks)
+    assert (part.fields["subject"], remark.code, remark.grade) == ("3", "wrong-unit", "wrong")
+    assert not [*other_units(dict([*looks.items()][1:3]))]

@@ -62,6 +62,8 @@ SOURCES = {"target": "ft", "disturbance": "fd"}
 REMNANT = "remnant"
 #: Runs of which each can be set against the mean of others.
 ENOUGH = 3
+#: Ratio of signals of two subjects that is one of units; degrees are 57 of radians.
+OTHER_UNIT = 20.0
 #: Share of remnant in the control's variance.
 SHARE = "remnant_share_u"
 
@@ -148,6 +150,31 @@ def _answer(
     common = 2.0 * np.sum((values * others.conj()).real, axis=1)
     # A run counts in its own product and in those of the others: the scatter is twice as large.
     return np.asarray(2.0 * common - common.mean())
+
+
+def other_units(looks: Mapping[Part, Content]) -> Iterator[tuple[Part, Remark]]:
+    """Recordings of which a signal is far from as large as in most others of their condition."""
+    from pandas import DataFrame
+
+    rows = [
+        (part, (part.stratum, part.condition), row["parameter"].removeprefix("rms_"), row["value"])
+        for part, content in looks.items()
+        for row in content["estimates"][0]["quantities"]
+        if row["parameter"].startswith("rms_")
+    ]
+    frame = DataFrame(rows, columns=["part", "group", "signal", "size"])
+    alike = frame.groupby(["group", "signal"])["size"]
+    frame["factor"] = frame["size"] / alike.transform("median")
+    is_far = (np.abs(np.log(frame["factor"])) > math.log(OTHER_UNIT)) & (
+        alike.transform("size") > 2
+    )
+    for row in frame[is_far].itertuples():
+        words = (
+            f"{row.signal} is {row.factor:.3g} times as large as in the other recordings of "
+            f"{row.part.condition or 'the experiment'}: it is in another unit; convert it in the "
+            "file, or leave the file out"
+        )
+        yield row.part, Remark("wrong-unit", words)
 
 
 #: Seconds that all fits of a model to a recording may take.
@@ -373,6 +400,8 @@ def fit_recordings(
         copies = copies_among([part.name for part in looks], prints)
         for place, content in enumerate(looks.values()):
             content["remarks"] = [*_graded(copies.get(place, ())), *content["remarks"]]
+        for part, remark in other_units(looks):
+            looks[part]["remarks"].insert(0, *_graded([remark]))
         choices, compared = choices_of(looks, settings)
         tasks = []
         for part in looks:

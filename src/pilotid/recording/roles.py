@@ -248,7 +248,8 @@ def _columns_of_signals(
         picks = ",".join(f"{s}={content.kind.upper()}" for s in absent)
         raise InputError(
             f"{source}: has no {content.kind} {', '.join(what)}, only {listed(content.families)}; "
-            f"name the right one with --map {picks}, a factor as in u=-0.5*NAME{' or give --dt 0.01' * ('t' in absent)}"
+            f"name the right one with --map {picks}, a factor as in u=-0.5*NAME"
+            f"{' or give --dt 0.01' * ('t' in absent)}"
             f"{f' or read a part, as in {source}::{holding[0]}' if holding else ''}"
         )
     for signal, names in columns.items():
