@@ -204,6 +204,18 @@ def test_a_forcing_function_without_whole_periods_is_no_multisine() -> None:
         forcing_lines(part_of(recording, samples=slice(-300)))
 
 
+@pytest.mark.parametrize("missed", [-2, -1, 1])
+def test_a_window_that_misses_its_periods_by_samples_has_no_more_lines(missed: int) -> None:
+    whole = replace(noisy(), lines={})
+    if missed < 0:
+        recording = part_of(whole, samples=slice(missed))
+    else:
+        recording = replace(whole, run_in=whole.run_in - missed)
+    lines = forcing_lines(recording)
+    assert tuple(lines["ft"]) == NOMINAL.target.lines
+    assert tuple(lines["fd"]) == NOMINAL.disturbance.lines
+
+
 def test_lines_that_the_forcing_function_does_not_have_are_refused() -> None:
     recording = noisy()
     off = {name: tuple(1 + np.array(lines)) for name, lines in recording.lines.items()}

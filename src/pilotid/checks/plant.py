@@ -63,7 +63,7 @@ def regression(
     scores = np.add.reduceat(table * left[:, None], blocks)
     covariance = inverse @ (scores.T @ scores) @ inverse
     share = float(left @ left) / (float(target @ target) or 1.0)
-    return values / size, np.sqrt(np.diag(covariance)) / size, share
+    return values / size, np.sqrt(np.maximum(np.diag(covariance), 0.0)) / size, share
 
 
 class Answered(NamedTuple):
@@ -154,11 +154,13 @@ def against_forcing(signals: dict[str, FloatArray], dt: float) -> Best:
             values, errors, left = at(shifts)
             share = float(values[1]) or 1.0
             late = float(values[0] + values[2] * (1.0 - 1.0 / share)) + shifts[0] * dt
+            parts = errors[0], errors[2] * (1.0 - 1.0 / share), values[2] * errors[1] / share**2
+            error = math.hypot(*map(float, parts))
             near = int(np.clip(round(late / dt), -reach, reach)), shifts[1]
             if near == shifts:
                 break
             shifts = near
-        return Best(late, float(errors[0]), share, float(errors[1]), left)
+        return Best(late, error, share, float(errors[1]), left)
 
     best = about((0, 0))
     if best.left <= MUCH:
