@@ -30,6 +30,8 @@ FASTEST_LINE = 50.0
 GIVEN_SHARE = 0.1
 #: A multisine leaves most of the bins between its first and last line to the remnant.
 CROWDED = 0.34
+#: Share of the lines that may lie directly above another one.
+BROAD = 0.6
 #: A run has a line if its amplitude is at least this share of the root mean square over the runs.
 ABSENT_LINE = 0.05
 ALIKE = 0.1  # share in which a line of both functions may go together over the runs
@@ -119,18 +121,22 @@ def lines_of(recording: Recording, name: str) -> IntArray:
     if power.max() <= (1e-12 * signal.shape[1] * np.max(np.abs(signal), initial=0.0)) ** 2:
         return np.zeros(0, dtype=int)
     lines = 1 + np.flatnonzero(power >= SMALLEST**2 * power.max())
-    powerful, strong = lines, lines[np.argsort(power[lines - 1])[-STRONGEST:]]
+    strong = lines[np.argsort(power[lines - 1])[-STRONGEST:]]
     # What lines leak to a bin where the window misses whole periods by a share of its length.
     apart = np.abs(lines[:, None] - strong)
-    leaked = np.sum(strong * np.sqrt(power[strong - 1]) * (apart > 0) / np.maximum(apart, 1), axis=1)
+    leaked = np.sum(
+        strong * np.sqrt(power[strong - 1]) * (apart > 0) / np.maximum(apart, 1), axis=1
+    )
     lines = lines[np.sqrt(power[lines - 1]) > MISSED * leaked]
     rest = power.sum() - power[lines - 1].sum()
-    if powerful.size > max(2.0, CROWDED * powerful[-1]) or rest > 1e-3 * power.sum():
+    # Pairs of lines side by side are fewer.
+    is_crowded = lines.size > max(2.0, CROWDED * lines[-1]) or np.mean(np.diff(lines) == 1) > BROAD
+    if is_crowded or rest > 1e-3 * power.sum():
         if getattr(recording, name) is None:
             return np.zeros(0, dtype=int)
         raise NotMultisineError(
             f"{name} is no multisine with whole periods in the measurement window: "
-            f"{powerful.size} of the {powerful[-1]} bins up to its highest hold power"
+            f"{lines.size} of the {lines[-1]} bins up to its highest hold power"
         )
     return lines
 
