@@ -29,6 +29,7 @@ from pilotid.likelihood.search import (
     with_remnants,
 )
 from pilotid.methods.mle import MLE
+from pilotid.model.catalogue import MODELS
 from pilotid.model.element import position_control
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
@@ -247,3 +248,16 @@ def test_a_level_that_a_late_change_never_reaches_does_not_widen_the_band() -> N
     rows = joint.prediction.row_spectra(late[:, : len(model.keys)])[0, :-1]
     assert np.count_nonzero(~rows.any(axis=(1, 2))) > len(model.change)
     assert wide_enough(Optimum(joint, replace(ends, values=late)))
+
+
+def test_few_frequencies_hold_what_the_lines_of_both_functions_say() -> None:
+    # Of groups of bins that hold one line the response counts at the line, not at their middle.
+    model = MODELS["pursuit"]
+    known = dict(zip(NOMINAL.model.keys, TRUTH.tolist(), strict=True))
+    pilot = {key: known[key] for key in ("Kvis", "tlead", "tdvis", "fnm", "dnm")}
+    near = model.vector({**pilot, "Kt": 0.2, "tlagt": 0.4, "tdt": 0.14})
+    scenario = replace(without_remnant(NOMINAL), model=model, truth=tuple(near))
+    prediction = predict(simulate(scenario, np.random.default_rng(2)), model, 50.0)
+    idle = model.vector({**pilot, "Kvis": 1e-6, "Kt": 1e-6, "tlagt": 0.4, "tdt": 0.14})
+    power = Likelihood(prediction.binned).gram(np.array([near, idle]))[:, -1, -1]
+    assert power[0] < 0.0012 * power[1]  # .0020 at the middles

@@ -128,8 +128,8 @@ class Estimate:
     draws
         Draws of the posterior, where the method has one.
     criterion
-        What the search made small: -2 log-likelihood up to a constant of the recording, or the
-        like; NaN where there is none.
+        What the search made small: -2 log-likelihood up to a constant of the recording, its band
+        and the free decays that are fitted with it, or the like; NaN where there is none.
     remarks
         What a user must know before believing it, a sentence each; empty if all is well.
     seconds

@@ -313,9 +313,10 @@ def sampled(
 
 
 def normal(key: str, unit: str, value: float, error: float, *, positive: bool = False) -> Quantity:
-    """A quantity, `positive` or not, with the interval of a normal distribution."""
+    """A quantity, `positive` or not, with the interval of a normal distribution, cut at zero."""
     low, high = value - Z95 * error, value + Z95 * error
     known = not (positive and spans_decade(low, high))
+    low = max(low, 0.0) if positive else low
     return Quantity(key, unit, value, error, low, high, known)
 
 

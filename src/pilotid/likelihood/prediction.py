@@ -561,7 +561,8 @@ class Prediction:
         factor = vectors * np.sqrt(np.maximum(size, 0.0))[:, None, :]
         spectra = np.transpose(factor, (1, 2, 0)) * sizes[:, None, None]  # (signal, part, group)
         counts = np.diff([*groups, omega.size])
-        middle = np.add.reduceat(omega, groups) / counts
+        power = np.einsum("irk,irk->k", signals, signals.conj()).real + 1e-300
+        middle = np.add.reduceat(omega * power, groups) / np.add.reduceat(power, groups)
         # Parseval: bins stand for two, but for the one at half the sampling rate.
         weights, terms = np.full(len(counts), np.sqrt(2.0 / scored)), self.band_terms
         if self.weighting is not None:

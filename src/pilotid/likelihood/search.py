@@ -75,7 +75,7 @@ MAX_LOST_INFORMATION = 0.1
 LOOK_CRITERION = 20.0
 #: Tuned: variance of the scores of segments over what it would be of a constant pilot, of an
 #: optimum that may be a wrong one (targets that step: 6.3; nine in ten right ones are below 2.1).
-MAX_DISPERSION = 3.0
+MAX_DISPERSION = 2.2
 
 
 @dataclass(frozen=True)

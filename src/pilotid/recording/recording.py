@@ -60,7 +60,7 @@ class Recording:
     source
         Where the data came from, for messages and reports.
     controlled_element
-        A description for reports, if known.
+        Its transfer function, such as ``4/s^2``; methods close the loop with it.  Empty if unknown.
     origin
         Where signals came from: the file's names, what they follow from, or `ABSENT` for an x
         that was not recorded.

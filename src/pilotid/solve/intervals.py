@@ -251,6 +251,8 @@ def score_dispersion(rows: FloatArray, estimated: int, length: int) -> tuple[flo
 #: How often the others are searched, at the most, and how close to the end is close enough, as
 #: a share of the distance.
 MAX_SEARCHES, END_TOLERANCE = 14, 0.04
+#: Share of the deviance sought below which an end is not that of all valleys.
+WELL_INSIDE = 0.8
 
 
 def find_profile_end(
@@ -375,6 +377,38 @@ def extend_intervals(
             points.append(point)
             costs.append(cost)
     return known
+
+
+def ends_of_valleys(
+    gram: Gram,
+    box: Box,
+    others: FloatArray,
+    known: FloatArray,
+    lowest: float,
+    targets: FloatArray,
+) -> list[tuple[FloatArray, float]]:
+    """Ends, and their costs, that lie farther out in another valley than where they were sought.
+
+    Parameters
+    ----------
+    gram, box, known, lowest, targets
+        As for `extend_intervals`.
+    others
+        Points of other valleys, shape (points, parameters).
+    """
+    found, costs = [], gram(others)[:, -1, -1]
+    for (k, side), end in np.ndenumerate(known):
+        level, starts = float(targets[k]), others[costs <= targets[k]]
+        if not len(starts) or not box.lower[k] < end < box.upper[k]:
+            continue
+        starts[:, k] = end
+        there = minimise(gram, starts, Box.holding(box, k, end), tolerance=1e-4, iterations=20)
+        start, cost = there.values[0], float(there.cost[0])
+        if cost - lowest < WELL_INSIDE * (level - lowest):
+            near = start.copy()
+            near[k] += (-1.0, 1.0)[side] * max(0.1 * float(known[k, 1] - known[k, 0]), 1e-9)
+            found.append(find_profile_end(gram, box, start, cost, lowest, level, k, near))
+    return found
 
 
 class Profile(NamedTuple):
@@ -512,6 +546,11 @@ def profile_intervals(
             seen += [*scale.enter(others)]
             reached_costs += gram(others)[:, -1, -1].tolist()
         known = np.sort(np.column_stack([ends.reshape(2, count).T, best[0, :count]]))[:, [0, -1]]
+        if others is not None and len(others):
+            near = scale.enter(others)
+            for point, cost in ends_of_valleys(inner, box, near, known, lowest, target[:count]):
+                seen.append(point)
+                reached_costs.append(cost)
         known = extend_intervals(inner, box, seen, reached_costs, known, lowest, target[:count])
     best_of_all = int(np.nanargmin(reached_costs))
     better = scale.leave(seen[best_of_all]) if reached_costs[best_of_all] < least else None
