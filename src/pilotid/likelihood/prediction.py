@@ -538,7 +538,7 @@ class Prediction:
         """The prediction at few frequencies, without the mean and what the window makes of it.
 
         A group of bins becomes a factor of its summed cross-spectra, of as many rows as there are
-        signals: sums of squares over the group are kept, responses are those at its middle.
+        signals: sums of squares over the group are kept, responses are those where its power is.
 
         One whose inputs vary in time has no such form: of its runs the two sums of largest power
         are left, which hold what the forcing functions do in all of them.
@@ -562,7 +562,9 @@ class Prediction:
         spectra = np.transpose(factor, (1, 2, 0)) * sizes[:, None, None]  # (signal, part, group)
         counts = np.diff([*groups, omega.size])
         power = np.einsum("irk,irk->k", signals, signals.conj()).real + 1e-300
-        middle = np.add.reduceat(omega * power, groups) / np.add.reduceat(power, groups)
+        middle = np.asarray(
+            np.add.reduceat(omega * power, groups) / np.add.reduceat(power, groups), dtype=float
+        )
         # Parseval: bins stand for two, but for the one at half the sampling rate.
         weights, terms = np.full(len(counts), np.sqrt(2.0 / scored)), self.band_terms
         if self.weighting is not None:

@@ -130,7 +130,8 @@ def lines_of(recording: Recording, name: str) -> IntArray:
     lines = lines[np.sqrt(power[lines - 1]) > MISSED * leaked]
     rest = power.sum() - power[lines - 1].sum()
     # Pairs of lines side by side are fewer.
-    is_crowded = lines.size > max(2.0, CROWDED * lines[-1]) or np.mean(np.diff(lines) == 1) > BROAD
+    beside = np.count_nonzero(np.diff(lines) == 1)
+    is_crowded = lines.size > max(2.0, CROWDED * lines[-1]) or beside > BROAD * lines.size
     if is_crowded or rest > 1e-3 * power.sum():
         if getattr(recording, name) is None:
             return np.zeros(0, dtype=int)
@@ -138,7 +139,7 @@ def lines_of(recording: Recording, name: str) -> IntArray:
             f"{name} is no multisine with whole periods in the measurement window: "
             f"{lines.size} of the {lines[-1]} bins up to its highest hold power"
         )
-    return lines
+    return np.asarray(lines)
 
 
 def _above_lines(recording: Recording) -> int:
