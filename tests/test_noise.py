@@ -11,6 +11,7 @@ from pilotid.likelihood.remnant_models import (
     Autoregressive,
     BandPass,
     LowPass,
+    are_invertible,
     best_noise_model,
     lagged_products,
 )
@@ -121,3 +122,14 @@ def test_a_resonance_that_no_low_pass_has_calls_for_a_free_spectrum() -> None:
     assert isinstance(best, Autoregressive)
     guess, _ = best.guess(lagged_products(signal[None, 200:]), FULL)
     np.testing.assert_allclose(guess[:4], coefficients[1:], atol=0.1)
+
+
+def test_filters_with_zeros_outside_the_unit_circle_have_no_likelihood() -> None:
+    rng = np.random.default_rng(3)
+    for order in (1, 2, 5, 20):
+        inside = rng.uniform(0.3, 0.98, order // 2) * np.exp(1j * rng.uniform(0.0, 3.1, order // 2))
+        zeros = np.concatenate([inside, inside.conj(), [0.97] * (order % 2)])
+        taps = np.poly(zeros).real[None]
+        assert are_invertible(taps).tolist() == [True]
+        beyond = np.convolve(taps[0], [1.0, -1.1]), [1.0, *[1e20] * order]
+        assert [bool(are_invertible(np.array([each]))[0]) for each in beyond] == [False, False]

@@ -17,7 +17,7 @@ from functools import cached_property, reduce
 import numpy as np
 
 from pilotid.likelihood.prediction import Prediction
-from pilotid.likelihood.remnant_models import WHITE, NoiseModel
+from pilotid.likelihood.remnant_models import WHITE, NoiseModel, are_invertible
 from pilotid.solve.least_squares import Problem
 from pilotid.support.types import ComplexArray, FloatArray
 
@@ -36,6 +36,9 @@ class Likelihood(Problem):
     adjoint
         Whether Gram matrices have the exact last row and column alone, by the adjoint, and all
         else from binned spectra: for searches, see `Prediction.is_large`.
+    invertible
+        Whether remnants whose filters are not invertible have no likelihood, for searches that
+        begin far from an optimum, see `are_invertible`.
     """
 
     def __init__(
@@ -44,8 +47,10 @@ class Likelihood(Problem):
         noise: NoiseModel = WHITE,
         *,
         adjoint: bool = False,
+        invertible: bool = False,
     ) -> None:
         self.prediction, self.noise, self.adjoint = prediction, noise, adjoint
+        self.invertible = invertible
         self.band, self.band_terms = prediction.band, prediction.band_terms
         self.block = (prediction.binned if adjoint else prediction).block
         model = prediction.model
@@ -87,9 +92,12 @@ class Likelihood(Problem):
             if self.band_terms is not None:
                 lasts += self.outside(values)[:, -1]
             grams[:, -1] = grams[:, :, -1] = lasts
-        if self.band_terms is None:
-            return grams
-        return self.band_terms.add_log_determinant(grams, *self._determined(values))
+        if self.band_terms is not None:
+            grams = self.band_terms.add_log_determinant(grams, *self._determined(values))
+        if self.invertible and self.noise.regressive:
+            taps, _ = self.noise.taps(values[:, self.pilot_count :], self.band)
+            grams[~are_invertible(taps)] = np.nan
+        return grams
 
     def squares(self, values: FloatArray) -> FloatArray:
         """Inner products of `rows`, in a band weighted and with those outside, of its squares."""

@@ -13,7 +13,7 @@ from pilotid.estimate.estimate import Starts, is_at_bound
 from pilotid.estimate.quantities import AnalysedBand, RemnantEstimate
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction
-from pilotid.likelihood.remnant_models import BandPass, criterion
+from pilotid.likelihood.remnant_models import BandPass, are_invertible, criterion
 from pilotid.model.loops import are_stable
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
@@ -304,8 +304,10 @@ class Optimum:
     @cached_property
     def search_problem(self) -> Likelihood:
         """The same problem for searches from here, see `Prediction.is_large`."""
-        prediction = self.joint.prediction
-        return Likelihood(prediction, self.joint.noise, adjoint=prediction.is_large)
+        prediction, invertible = self.joint.prediction, bool(are_invertible(self.whitener[None])[0])
+        return Likelihood(
+            prediction, self.joint.noise, adjoint=prediction.is_large, invertible=invertible
+        )
 
     def refined(self, tolerance: float = REPORTED_TOLERANCE) -> Optimum:
         """The same to another tolerance, or to that of what is compared as in `descend`."""

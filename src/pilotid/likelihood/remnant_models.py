@@ -23,6 +23,9 @@ from pilotid.support.types import BoolArray, FloatArray
 
 #: Bounds of the parameters of filters; autoregressive coefficients have none.
 BOUNDS = {"frequency": (0.2, 200.0), "damping": (0.05, 5.0), "corner": (0.05, 10.0)}
+#: Numerics: points on the unit circle, and the mean logarithm of a filter there that is none of
+#: zeros inside.
+CIRCLE, OUTSIDE = 64, 0.05
 
 
 class RemnantFamily(Protocol):
@@ -247,6 +250,15 @@ class Autoregressive(RemnantFamily):
             values = np.zeros(self.order)
         taps = np.concatenate([[1.0], values])
         return values, float(taps @ matrix @ taps)
+
+
+def are_invertible(taps: FloatArray) -> BoolArray:
+    """Whether filters (sets, taps) have no zero clearly outside the unit circle, by Jensen's formula.
+
+    Those that have predict from samples to come, and their likelihood in a band has no meaning.
+    """
+    logs = np.log(np.abs(np.fft.rfft(taps, n=CIRCLE)) + 1e-300)
+    return np.asarray(2.0 * logs.sum(axis=1) - logs[:, 0] - logs[:, -1] < OUTSIDE * CIRCLE)
 
 
 @dataclass(frozen=True, eq=False)
