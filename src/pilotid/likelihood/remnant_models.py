@@ -253,7 +253,7 @@ class Autoregressive(RemnantFamily):
 
 
 def are_invertible(taps: FloatArray) -> BoolArray:
-    """Whether filters (sets, taps) have no zero clearly outside the unit circle, by Jensen's formula.
+    """Whether filters (sets, taps) have no zero well outside the unit circle (Jensen's formula).
 
     Those that have predict from samples to come, and their likelihood in a band has no meaning.
     """
