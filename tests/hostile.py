@@ -82,6 +82,9 @@ def _answers(good: Estimate) -> dict[str, Any]:
         "flat": replace(good, intervals=good.intervals.ravel()),
         "negative": replace(good, covariance=-covariance),
         "reversed": replace(good, intervals=good.intervals[:, ::-1]),
+        "bare": replace(good, intervals=np.full_like(good.intervals, np.nan)),
+        "ends": replace(good, covariance=np.full_like(covariance, np.nan)),
+        "partly": replace(good, intervals=np.where(values[:, None] > 0.2, good.intervals, np.nan)),
         "signs": replace(good, message="a\udcffb\n\x1b[31mc\0"),
     }
 
@@ -104,6 +107,9 @@ class Hostile:
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Any:
         if self.how in DEEDS:
             DEEDS[self.how]()
+        if self.how == "spoil":
+            recording.e.flags.writeable = True
+            recording.e[:, 0] += 1.0
         values = model.start.copy()
         good = Estimate(
             self.name,

@@ -14,7 +14,10 @@ from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import fit_all, identify
 from pilotid.methods import method_named
 from pilotid.model.catalogue import SINGLE
+from pilotid.study.run import Task, recording_of, run_task
 from pilotid.study.table import Store
+from pilotid.support.naming import packed
+from pilotid.testing import check_method
 
 HERE = Path(__file__).parent
 RECORDING = simulate(scenario_named("single"), np.random.default_rng(1))
@@ -51,6 +54,20 @@ def test_what_is_no_sound_estimate_is_a_failure(how: str) -> None:
     assert estimate.outcome is Outcome.INVALID
     assert UNSOUND[how] in estimate.message
     assert np.isnan(estimate.values).all()
+
+
+@pytest.mark.parametrize("how", ["bare", "ends", "partly"])
+def test_what_a_method_does_not_claim_is_no_fault(how: str) -> None:
+    assert answer(how).outcome is Outcome.CONVERGED
+
+
+def test_a_method_that_changes_the_recording_spoils_no_other() -> None:
+    method, single = method_named(hostile("spoil")), scenario_named("single")
+    before = recording_of(single, 1, 0).e.copy()
+    assert run_task(Task(("single", "spoil", 0), 1, packed((single, method)))).outcome == "invalid"
+    assert np.array_equal(recording_of(single, 1, 0).e, before)
+    with pytest.raises(AssertionError, match="changed the recording"):
+        check_method(method)
 
 
 @pytest.mark.parametrize("how", RAISED)

@@ -271,13 +271,15 @@ def test_code_that_cannot_be_used_is_a_sentence(mine: Path, place: str, words: s
     assert words in str(refusal.value)
 
 
-def test_the_digest_covers_the_file_that_a_thing_is_from(mine: Path) -> None:
+def test_the_digest_covers_the_file_that_a_thing_is_from_and_what_it_imports(mine: Path) -> None:
     assert code_digest(ARX()) == code_digest(np.float64(1.0)) == ""
-    before = code_digest(load_object(f"{mine}:Mine"))
-    (mine.parent / "beside.py").write_text("SIZE = 3  # another\n")
-    assert code_digest((1, [load_object(f"{mine}:Mine")])) == before
-    mine.write_text(f"{MINE}# another\n")
-    assert code_digest(load_object(f"{mine}:Mine")) != before
+    digests = [code_digest(load_object(f"{mine}:Mine"))]
+    (mine.parent / "other.py").write_text("SIZE = 3\n")
+    assert code_digest((1, [load_object(f"{mine}:Mine")])) == digests[0]
+    for file, text in ((mine.parent / "beside.py", "SIZE = 3\n"), (mine, MINE)):
+        file.write_text(f"{text}# another\n")
+        digests.append(code_digest(load_object(f"{mine}:Mine")))
+    assert len({*digests}) == 3
 
 
 def test_code_that_was_typed_in_is_told_by_its_source(monkeypatch: pytest.MonkeyPatch) -> None:

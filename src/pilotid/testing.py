@@ -107,7 +107,10 @@ def recording_for(model: str) -> Recording:
 def _check_fits(method: Method, name: str) -> Outcome:
     """Check a method with one model; returns the outcome with an ordinary recording."""
     model, recording = model_named(name), recording_for(name)
+    before = {name: signal.copy() for name, signal in recording.arrays.items()}
     first = identify(method, recording, model, np.random.default_rng(2))
+    same = all(np.array_equal(before[name], s) for name, s in recording.arrays.items())
+    _require(same, f"{method.name}: changed the recording; work on copies of its signals")
     check_estimate(first, method, model)
     again = identify(method, recording, model, np.random.default_rng(2))
     same = np.allclose(again.values, first.values, rtol=1e-6, equal_nan=True)

@@ -105,7 +105,8 @@ def identify(
             return failed(name, model, Outcome.NOT_APPLICABLE, why)
         import_libraries(method)
         begin = time.perf_counter()
-        estimate = method.fit(recording, model, rng)
+        with np.errstate():  # what a method sets is its own
+            estimate = method.fit(recording, model, rng)
         fault = fault_of(estimate, model)
         if fault:
             estimate = failed(name, model, Outcome.INVALID, fault)
@@ -177,13 +178,12 @@ def fault_of(estimate: object, model: PilotModel) -> str:
     low, high = estimate.intervals.T
     if not estimate.outcome.usable:
         return ""
-    if np.isfinite(values).all() and np.isnan(covariance).all() and np.isnan(low).all():
-        return ""  # values alone
-    if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
+    # What a method does not claim is NaN.
+    if not np.isfinite(values).all() or np.isinf(covariance).any():
         return "a value or its covariance is not finite"
-    if not (np.diag(covariance) > 0.0).all():
+    if not ((np.diag(covariance) > 0.0) | np.isnan(covariance).all()).all():
         return "a variance is not positive"
-    if not ((low <= values) & (values <= high)).all():
+    if not (((low <= values) & (values <= high)) | np.isnan(low) & np.isnan(high)).all():
         return "an interval does not hold its value"
     return ""
 

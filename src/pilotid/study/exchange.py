@@ -241,14 +241,14 @@ def _table(path: Path) -> DataFrame:
     for name in (*NUMBERS, "seconds", "replication"):
         numbers = to_numeric(table[name], errors="coerce").astype(float)
         wrong = numbers.isna() & ~table[name].str.lower().isin(["", "nan", "na"])
-        wrong |= np.isinf(numbers) | ((numbers % 1 != 0) & (name == "replication"))
+        wrong |= (numbers % 1 != 0) & (name == "replication")
         if wrong.any():
             row = int(np.argmax(wrong.to_numpy()))
             raise InputError(
                 f"{path}, line {row + 2}: {name} '{table[name][row]:.30}' is no number; leave it "
                 "empty where there is none"
             )
-        table[name] = numbers
+        table[name] = numbers.where(np.isfinite(numbers))  # what diverged is no estimate
     twice = table.duplicated(["method", "scenario", "replication", "parameter"])
     if twice.any():
         row = int(np.argmax(twice.to_numpy()))

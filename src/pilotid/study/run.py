@@ -14,7 +14,7 @@ from pilotid.checks.checks import remarks
 from pilotid.datasets import Population, Scenario, simulate
 from pilotid.datasets.experiments import bound_of, experiment_of
 from pilotid.datasets.named import AnyScenario
-from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.method import Method, identify
 from pilotid.estimate.warnings import LEFT_OPEN
 from pilotid.methods import label_of
@@ -67,7 +67,11 @@ def run_task(task: Task) -> Fit:
         model = started(scenario, seed, replication)
         # A label of the user's own moves no number.
         rng = fit_rng(seed, label_of(method), name, replication)
+        before = [signal.tobytes() for signal in recording.arrays.values()]
         estimate = identify(method, recording, model, rng)
+        if before != [signal.tobytes() for signal in recording.arrays.values()]:
+            recording_of.cache_clear()  # the next method has it as it was
+            estimate = failed(method.name, model, Outcome.INVALID, "it changed the recording")
         drawn = isinstance(origin, Population)
         ended = Fit(
             *key,

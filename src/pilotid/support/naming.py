@@ -368,7 +368,22 @@ def code_digest(thing: object) -> str:
         if module is not None and kind.__module__.partition(".")[0] not in KNOWN:
             file = getattr(module, "__file__", None)
             sources[file or kind.__qualname__] = _source(kind, file)
+    todo = [Path(name) for name in sources if Path(name).is_file()]
+    while todo:
+        for helper in _imported_beside(todo.pop()):
+            if str(helper) not in sources:
+                sources[str(helper)] = helper.read_bytes()
+                todo.append(helper)
     return digest_of(source for _, source in sorted(sources.items())) if sources else ""
+
+
+def _imported_beside(file: Path) -> list[Path]:
+    """The files of its own folder that a file imports."""
+    nodes = [*ast.walk(ast.parse(file.read_bytes()))]
+    names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    names += [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
+    beside = {file.parent / f"{name.partition('.')[0]}.py" for name in names}
+    return sorted(path for path in beside if path.is_file())
 
 
 def digest_of(sources: Iterable[bytes]) -> str:
