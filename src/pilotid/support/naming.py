@@ -368,7 +368,7 @@ def code_digest(thing: object) -> str:
         if module is not None and kind.__module__.partition(".")[0] not in KNOWN:
             file = getattr(module, "__file__", None)
             sources[file or kind.__qualname__] = _source(kind, file)
-    todo = [Path(name) for name in sources if Path(name).is_file()]
+    todo = [Path(name) for name in sources if name.endswith(".py")]
     while todo:
         for helper in _imported_beside(todo.pop()):
             if str(helper) not in sources:
