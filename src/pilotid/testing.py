@@ -18,7 +18,7 @@ import numpy as np
 from pilotid.datasets import SCENARIOS as KNOWN
 from pilotid.datasets import simulate
 from pilotid.estimate.estimate import Estimate, Outcome
-from pilotid.estimate.method import Method, fault_of, identify, method_fault
+from pilotid.estimate.method import Method, fault_of, identify, method_fault, signals_in
 from pilotid.model.catalogue import model_named
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
@@ -107,10 +107,10 @@ def recording_for(model: str) -> Recording:
 def _check_fits(method: Method, name: str) -> Outcome:
     """Check a method with one model; returns the outcome with an ordinary recording."""
     model, recording = model_named(name), recording_for(name)
-    before = {name: signal.copy() for name, signal in recording.arrays.items()}
+    before = signals_in(recording)
     first = identify(method, recording, model, np.random.default_rng(2))
-    same = all(np.array_equal(before[name], s) for name, s in recording.arrays.items())
-    _require(same, f"{method.name}: changed the recording; work on copies of its signals")
+    words = f"{method.name}: changed the recording; work on copies of its signals"
+    _require(signals_in(recording) == before, words)
     check_estimate(first, method, model)
     again = identify(method, recording, model, np.random.default_rng(2))
     same = np.allclose(again.values, first.values, rtol=1e-6, equal_nan=True)

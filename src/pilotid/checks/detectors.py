@@ -356,8 +356,7 @@ def _late(name: str, other: str, late: float, dt: float) -> Finding:
     word, by = ("late", "earlier") if late > 0 else ("early", "later")
     words = (
         f"{name} is {1e3 * abs(late):.3g} ms {word} against {other} ({abs(late) / dt:.2g} "
-        "samples), "
-        f"and delays are wrong by as much; take {name} so much {by}"
+        f"samples), and delays are wrong by as much; take {name} so much {by}"
     )
     grade: Grade = "doubt" if name in ("ft", "fd") else "wrong"
     return Finding("late-signal", name, grade, late, "s", words)

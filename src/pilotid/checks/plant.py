@@ -388,10 +388,13 @@ def element_changes(recording: Recording) -> Remark | None:
     half = recording.samples // 2
     signals, halves = (recording.x, drive_of(recording)), (slice(half), slice(-half, None))
     spectra = ([_spectrum(recording, signal, part) for signal in signals] for part in halves)
-    ratios = response_ratios([_answer(x, v, half * recording.dt) for x, v in spectra])
-    if ratios is None or np.median(np.abs(ratios[1][1])) <= ELEMENT.changed:
+    told = response_ratios([_answer(x, v, half * recording.dt) for x, v in spectra])
+    if told is None:
         return None
-    factor = float(np.exp(np.max(np.abs(ratios[1][1].real))))
+    _, (_, second) = told
+    if np.median(np.abs(second)) <= ELEMENT.changed:
+        return None
+    factor = float(np.exp(np.max(np.abs(second.real))))
     return Remark(
         "element-differs",
         "the controlled element of the second half differs from that of the first by a factor of "
@@ -404,25 +407,26 @@ def unrelated(recording: Recording) -> Remark | None:
     """An output that is not the control's answer belongs to another run or time."""
     is_forced = recording.fd is not None
     least = ELEMENT.unrelated if is_forced else ELEMENT.unrelated_without_fd
-    enough = least if is_forced else ELEMENT.unrelated_in_part
     plant, what = plant_of(recording), "u + fd" if is_forced else "u"
+    if plant is None:
+        return None
     every = {run: plant_of(recording, run) for run in range(recording.runs)}
     wrong = [str(run + 1) for run, p in every.items() if p and p.mean_coherence < least]
-    if plant is None or (plant.mean_coherence >= enough and not wrong):
-        return None
-    if plant.mean_coherence >= least and not wrong:
+    coherence = min(p.mean_coherence for p in (plant, *every.values()) if p)
+    if coherence < least:
+        where = f" in run {', '.join(wrong)}" if 0 < len(wrong) < recording.runs else ""
         return Remark(
             "output-unrelated",
-            f"x is the answer to u in part only: their coherence is {plant.mean_coherence:.2f}; a "
-            "disturbance that is not recorded acts (give it as fd), or signals are of different "
-            "runs or times",
-            "note",
+            f"x is not the answer to {what}{where}: their coherence is {coherence:.2f} where an "
+            "element without noise has 1; the signals are of different runs, times, axes or units, "
+            "another disturbance acts, or the element changes during the recording",
         )
-    where = f" in run {', '.join(wrong)}" if 0 < len(wrong) < recording.runs else ""
-    coherence = min((p.mean_coherence for p in (plant, *every.values()) if p), default=0.0)
+    if is_forced or plant.mean_coherence >= ELEMENT.unrelated_in_part:
+        return None
     return Remark(
         "output-unrelated",
-        f"x is not the answer to {what}{where}: their coherence is {coherence:.2f} where an "
-        "element without noise has 1; the signals are of different runs, times, axes or units, "
-        "another disturbance acts, or the element changes during the recording",
+        f"x is the answer to u in part only: their coherence is {plant.mean_coherence:.2f}; a "
+        "disturbance that is not recorded acts (give it as fd), or signals are of different runs "
+        "or times",
+        "note",
     )

@@ -127,6 +127,11 @@ def identify(
     )
 
 
+def signals_in(recording: Recording) -> list[bytes]:
+    """All signals as they are now, which tells later whether a method changed them."""
+    return [signal.tobytes() for signal in recording.arrays.values()]
+
+
 def _band_of(method: Method, recording: Recording) -> AnalysedBand:
     """The band that a method says it analyses; all frequencies if it says none."""
     highest, nyquist = getattr(method, "band", None), math.pi / recording.dt

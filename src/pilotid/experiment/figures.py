@@ -80,6 +80,11 @@ def estimates_figure(rows: DataFrame) -> Drawing:
     return figure
 
 
+def _look(place: int) -> tuple[str, str]:
+    """Colour and marker of a subject or condition; no two of 42 look alike."""
+    return COLOURS[place % 7], MARKERS[place // 7 % len(MARKERS)]
+
+
 def _legend(figure: Drawing, handles: Iterable[Any], labels: Iterable[str]) -> None:
     figure.legend([*handles], [*labels], loc="outside lower center", ncols=7, frameon=False)
 
@@ -87,7 +92,7 @@ def _legend(figure: Drawing, handles: Iterable[Any], labels: Iterable[str]) -> N
 def _panel(axes: Axes, rows: DataFrame) -> None:
     for who, one in rows.groupby("who"):
         reach = one[["lower_95", "upper_95"]].sub(one["value"], axis=0).abs().fillna(0.0)
-        colour, marker = COLOURS[who % 7], MARKERS[who // 7 % len(MARKERS)]
+        colour, marker = _look(who)
         look: dict[str, Any]
         look = {"fmt": f"-{marker}", "color": colour, "linewidth": 0.5, "markersize": 3.0}
         look |= {"elinewidth": 0.9, "label": f"subject {one[SUBJECT].iloc[0]}"}
@@ -174,8 +179,7 @@ def responses_figure(responses: DataFrame) -> Drawing:
                 omega = np.array([*by_line.groups]) * (1.0 + 0.02 * (place - len(conditions) / 2))
                 covariance = np.diag(np.tile(np.square(error) / Z95**2, 2))
                 response = FrequencyResponse(omega, np.array([mean]), covariance)
-                colour, marker = COLOURS[place % 7], MARKERS[place // 7 % len(MARKERS)]
-                bode.points(response, 0, colour, marker, condition)
+                bode.points(response, 0, *_look(place), condition)
             bode.frame()
             axes[0].set_title(f"{channel} channel, magnitude", loc="left")
         _legend(figure, *panels[0, 0].get_legend_handles_labels())

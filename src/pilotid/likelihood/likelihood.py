@@ -37,8 +37,8 @@ class Likelihood(Problem):
         Whether Gram matrices have the exact last row and column alone, by the adjoint, and all
         else from binned spectra: for searches, see `Prediction.is_large`.
     invertible
-        Whether remnants whose filters are not invertible have no likelihood, for searches that
-        begin far from an optimum, see `are_invertible`.
+        Whether autoregressions that are not invertible have no likelihood, for searches that begin
+        far from an optimum, see `are_invertible`.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class Likelihood(Problem):
             grams[:, -1] = grams[:, :, -1] = lasts
         if self.band_terms is not None:
             grams = self.band_terms.add_log_determinant(grams, *self._determined(values))
-        if self.invertible and self.noise.regressive:
+        if self.invertible:
             taps, _ = self.noise.taps(values[:, self.pilot_count :], self.band)
             grams[~are_invertible(taps)] = np.nan
         return grams

@@ -186,7 +186,7 @@ class Optimum:
         """Whether a pilot, shape (parameters,), differs by no more than its errors."""
         return self.end.apart(pilot, self.joint.residuals) <= SAME_OPTIMUM_DISTANCE
 
-    @property
+    @cached_property
     def is_pilot(self) -> bool:
         """Whether it can be a pilot, see `PilotCheck`."""
         return self.check is None or bool(self.check(self.pilot[None])[0])
@@ -304,10 +304,9 @@ class Optimum:
     @cached_property
     def search_problem(self) -> Likelihood:
         """The same problem for searches from here, see `Prediction.is_large`."""
-        prediction, invertible = self.joint.prediction, bool(are_invertible(self.whitener[None])[0])
-        return Likelihood(
-            prediction, self.joint.noise, adjoint=prediction.is_large, invertible=invertible
-        )
+        prediction, noise = self.joint.prediction, self.joint.noise
+        invertible = noise.regressive and bool(are_invertible(self.whitener[None])[0])
+        return Likelihood(prediction, noise, adjoint=prediction.is_large, invertible=invertible)
 
     def refined(self, tolerance: float = REPORTED_TOLERANCE) -> Optimum:
         """The same to another tolerance, or to that of what is compared as in `descend`."""
@@ -332,7 +331,7 @@ def best_of(optima: Sequence[Optimum]) -> Optimum:
     three people who saw the target ahead: median loss to `fourier` 1.9 -> 1.3 points of VAF).
     """
     best = min(optima, key=lambda each: each.criterion)
-    if best.dispersion > 1.0:
+    if len(optima) > 1 and best.dispersion > 1.0:
         highest = best.criterion + CHI_SQUARED_95 * best.dispersion
         more = [o for o in optima if o.criterion < highest and o.explained > best.explained + 0.001]
         best = max(more, key=lambda each: each.explained, default=best)

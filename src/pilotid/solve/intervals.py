@@ -383,6 +383,7 @@ def ends_of_valleys(
     gram: Gram,
     box: Box,
     others: FloatArray,
+    costs: FloatArray,
     known: FloatArray,
     lowest: float,
     targets: FloatArray,
@@ -393,10 +394,10 @@ def ends_of_valleys(
     ----------
     gram, box, known, lowest, targets
         As for `extend_intervals`.
-    others
-        Points of other valleys, shape (points, parameters).
+    others, costs
+        Points of other valleys, shape (points, parameters), and their costs, shape (points,).
     """
-    found, costs = [], gram(others)[:, -1, -1]
+    found = []
     for (k, side), end in np.ndenumerate(known):
         level, starts = float(targets[k]), others[costs <= targets[k]]
         if not len(starts) or not box.lower[k] < end < box.upper[k]:
@@ -542,15 +543,12 @@ def profile_intervals(
             ends[i] = point[index]
             seen.append(point)
             reached_costs.append(cost)
-        if others is not None and len(others):
-            seen += [*scale.enter(others)]
-            reached_costs += gram(others)[:, -1, -1].tolist()
         known = np.sort(np.column_stack([ends.reshape(2, count).T, best[0, :count]]))[:, [0, -1]]
         if others is not None and len(others):
-            near = scale.enter(others)
-            for point, cost in ends_of_valleys(inner, box, near, known, lowest, target[:count]):
-                seen.append(point)
-                reached_costs.append(cost)
+            near, costs = scale.enter(others), gram(others)[:, -1, -1]
+            farther = ends_of_valleys(inner, box, near, costs, known, lowest, target[:count])
+            seen += [*near, *(point for point, _ in farther)]
+            reached_costs += [*costs.tolist(), *(cost for _, cost in farther)]
         known = extend_intervals(inner, box, seen, reached_costs, known, lowest, target[:count])
     best_of_all = int(np.nanargmin(reached_costs))
     better = scale.leave(seen[best_of_all]) if reached_costs[best_of_all] < least else None

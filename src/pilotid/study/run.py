@@ -15,7 +15,7 @@ from pilotid.datasets import Population, Scenario, simulate
 from pilotid.datasets.experiments import bound_of, experiment_of
 from pilotid.datasets.named import AnyScenario
 from pilotid.estimate.estimate import Estimate, Outcome, failed
-from pilotid.estimate.method import Method, identify
+from pilotid.estimate.method import Method, identify, signals_in
 from pilotid.estimate.warnings import LEFT_OPEN
 from pilotid.methods import label_of
 from pilotid.model.element import ControlledElement
@@ -67,9 +67,9 @@ def run_task(task: Task) -> Fit:
         model = started(scenario, seed, replication)
         # A label of the user's own moves no number.
         rng = fit_rng(seed, label_of(method), name, replication)
-        before = [signal.tobytes() for signal in recording.arrays.values()]
+        before = signals_in(recording)
         estimate = identify(method, recording, model, rng)
-        if before != [signal.tobytes() for signal in recording.arrays.values()]:
+        if signals_in(recording) != before:
             recording_of.cache_clear()  # the next method has it as it was
             estimate = failed(method.name, model, Outcome.INVALID, "it changed the recording")
         drawn = isinstance(origin, Population)
