@@ -5,45 +5,47 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from itertools import combinations, product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from pandas import DataFrame, Series
+from scipy.linalg import helmert
+from scipy.special import fdtrc
+from scipy.stats import nct, t, ttest_rel, wilcoxon
 
-from pilotid.experiment.files import CONDITION, SUBJECT, in_order
-from pilotid.experiment.results import KINDS, LEFT_OUT, LOOP, MEASURED, PARAMETER, Group, Results
-from pilotid.support.numbers import LEVEL
+from pilotid.experiment.files import in_order
+from pilotid.experiment.results import Group, Results, conditions_of
 from pilotid.support.types import FloatArray
-
-if TYPE_CHECKING:
-    from pandas import DataFrame, Series
 
 CONTRAST_COLUMNS = (
     *("condition_a", "condition_b", "model_a", "model_b", "method", "parameter", "unit"),
     *("subjects", "mean_a", "mean_b", "difference", "std_error", "t", "freedom", "p", "p_holm"),
     *("lower_95", "upper_95", "effect_size", "notes", "robust_difference", "wilcoxon_p"),
-    *("lower_holm_95", "upper_holm_95", "model_suits"),
+    "model_suits",
 )
 FACTOR_COLUMNS = (
     *("method", "parameter", "unit", "effect", "subjects", "F", "df1", "df2", "p", "epsilon"),
     *("p_corrected", "eta_squared", "notes"),
 )
-#: A difference of this share is to be found this often by as many subjects as are needed.
-SHARE, POWER = 0.15, 0.8
+#: A difference of this share [%] is to be found this often by as many subjects as are needed.
+SHARE, POWER = 15.0, 0.8
 #: Differences are equal if they scatter by no more than the rounding of what they are made of.
 ROUNDING = 1e-12
-QUANTITY = ["method", "parameter"]
+#: Kinds of quantities: of signals, which need no model; of loops, which mean the same in every
+#: model; and a model's parameters.
+KINDS = ("measured", "loop", "parameter")
+QUANTITY = ["method", "parameter", "unit"]
 
 
 def compared(results: Results) -> Results:
-    """The results with contrasts and effects of factors, where subjects and conditions are told."""
-    if not {SUBJECT, CONDITION} <= {*results.fields}:
-        return results
+    """The results with contrasts and effects of factors."""
     return replace(results, contrasts=contrasts(results), factors=effects(results))
 
 
 #: A quantity of some conditions: where, in which models by condition, and its `cells_of`.
-Quantity = tuple[dict[str, Any], Mapping[str, str], "DataFrame"]
+Quantity = tuple[dict[str, Any], Mapping[str, str], DataFrame]
 
 
 def cells_of(
@@ -64,41 +66,30 @@ def cells_of(
     subject and condition with ``value``, the mean over recordings if there are more, NaN where
     none counts, and why it does not.
     """
-    from pandas import concat
-
     rows = results.quantities
     rows = rows[rows["run"].isna() & (rows["otherwise"] == "")]
     rows = rows[~rows["parameter"].str.startswith("rms_")]
-    rows = rows.assign(value=rows["value"].where(rows[LEFT_OUT] == ""))
-    place = [*results.strata, "kind", CONDITION, "model"]
-    means = (
-        rows.groupby([*place, SUBJECT, *QUANTITY], sort=False)
-        .agg(unit=("unit", "first"), value=("value", "mean"), left_out=(LEFT_OUT, "max"))
-        .reset_index()
-    )
-    cells = dict(iter(means.groupby(place, sort=False)))
-    strata = dict[Group, list[str]]()
-    for part in results.parts:
-        strata.setdefault(part.stratum, []).append(part.condition)
-    for stratum, there in strata.items():
+    rows = rows.assign(value=rows["value"].where(rows["left_out"] == ""))
+    place = [*results.strata, "kind", "condition", "model"]
+    known = rows.groupby([*place, "subject", *QUANTITY], sort=False)
+    means = known.agg(value=("value", "mean"), left_out=("left_out", "max")).reset_index()
+    for stratum, there in conditions_of(results.parts).items():
         for kind, conditions in product(KINDS, sets(there)):
             for models in _models(results, kind, stratum, conditions):
-                places = [(*stratum, kind, c, models[c]) for c in conditions]
-                if not {*places} <= {*cells}:
-                    continue
-                for _, of in concat(map(cells.get, places)).groupby(QUANTITY, sort=False):
+                asked = DataFrame([(*stratum, kind, *own) for own in models.items()], columns=place)
+                for _, of in asked.merge(means).groupby(QUANTITY, sort=False):
                     # Not all models have all parameters.
-                    if of[CONDITION].nunique() == len(conditions):
-                        yield of.iloc[0][[*results.strata, *QUANTITY, "unit"]].to_dict(), models, of
+                    if of["condition"].nunique() == len(conditions):
+                        yield of.iloc[0][[*results.strata, *QUANTITY]].to_dict(), models, of
 
 
 def _models(results: Results, kind: str, stratum: Group, some: Group) -> list[Mapping[str, str]]:
     """The models in which conditions are compared, by condition."""
-    if kind == MEASURED:
+    if kind == "measured":
         return [dict.fromkeys(some, "")]
     if not results.settings.auto:
         return [dict.fromkeys(some, name) for name in results.settings.named]
-    if kind == LOOP:  # crossover and margin mean the same in any model
+    if kind == "loop":  # crossover and margin mean the same in any model
         return [{c: results.choices[(*stratum, c)].model for c in some}]
     models, _ = results.compared[stratum, some]
     return [models] if models else []
@@ -106,12 +97,12 @@ def _models(results: Results, kind: str, stratum: Group, some: Group) -> list[Ma
 
 def _subjects(of: DataFrame, conditions: Sequence[str]) -> tuple[DataFrame, str]:
     """Values of the subjects (rows) that count in all conditions (columns); who does not, why."""
-    table = of.pivot(index=SUBJECT, columns=CONDITION, values=["value", LEFT_OUT])
+    table = of.pivot(index="subject", columns="condition", values=["value", "left_out"])
     table, parameter = table.loc[in_order(table.index)], of["parameter"].iloc[0]
     whole = table["value"][[*conditions]].astype(float).dropna()
     if len(whole) == len(table):
         return whole, ""
-    reasons = table[LEFT_OUT][[*conditions]].drop(index=whole.index).stack(future_stack=True)
+    reasons = table["left_out"][[*conditions]].drop(index=whole.index).stack(future_stack=True)
     out = [
         f"subject {subject}, {f'{parameter} {why}' if isinstance(why, str) else 'no recording'}"
         f" in {condition}"
@@ -124,27 +115,23 @@ def _subjects(of: DataFrame, conditions: Sequence[str]) -> tuple[DataFrame, str]
 
 
 def contrasts(results: Results) -> DataFrame:
-    """The differences by quantity, with Holm's p for the pairs, and the interval of the same level.
+    """The differences by quantity, with Holm's p for the pairs.
 
     A disturbance loop that is the target loop, as without motion, is left out.
     """
-    from pandas import DataFrame
-    from scipy.special import stdtrit
-
     names, rows = results.strata, list[dict[str, Any]]()
     for head, models, of in cells_of(results, results.settings.condition_pairs):
         whole, notes = _subjects(of, [*models])
         a, b = models
         head |= {"condition_a": a, "condition_b": b, "model_a": models[a], "model_b": models[b]}
-        units = [*dict.fromkeys(of["unit"])]
-        numbers = paired(whole[a], whole[b]) if len(units) == 1 else {"subjects": len(whole)}
+        numbers = paired(whole[a], whole[b])
         if "t" not in numbers:
-            none = "no test: it takes two subjects, one unit, and differences that scatter"
+            none = "no test: it takes two subjects, and differences that scatter"
             notes = " | ".join(filter(None, [notes, none]))
         stratum = tuple(head[name] for name in names)
         _, suits = results.compared.get((stratum, (a, b)), (None, True))
-        numbers |= {"unit": ", ".join(units), "notes": notes}
-        rows.append(head | numbers | {"model_suits": suits or of["kind"].iloc[0] != PARAMETER})
+        suits = suits or of["kind"].iloc[0] != "parameter"
+        rows.append(head | numbers | {"notes": notes, "model_suits": suits})
     frame = DataFrame(rows, columns=[*names, *CONTRAST_COLUMNS])
     ends = frame[[*names, *CONTRAST_COLUMNS[:6], "mean_a", "mean_b"]].round(9)
     loops = ends["parameter"].str.replace("^(target|disturbance)_", "", regex=True)
@@ -152,11 +139,7 @@ def contrasts(results: Results) -> DataFrame:
     quantity = [*names, *QUANTITY, *([] if results.settings.auto else ["model_a"])]
     order = frame.groupby(quantity, sort=False).ngroup()
     frame = frame.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
-    p_holm = frame.groupby(quantity, sort=False)["p"].transform(holm)
-    level = 1.0 - 0.5 * LEVEL * (frame["p"] / p_holm).astype(float)
-    reach = stdtrit(frame["freedom"].astype(float), level) * frame["std_error"]
-    low, high = frame["difference"] - reach, frame["difference"] + reach
-    return frame.assign(p_holm=p_holm, lower_holm_95=low, upper_holm_95=high)
+    return frame.assign(p_holm=frame.groupby(quantity, sort=False)["p"].transform(holm))
 
 
 def paired(a: Series, b: Series) -> dict[str, Any]:
@@ -174,8 +157,6 @@ def paired(a: Series, b: Series) -> dict[str, Any]:
         ``robust_difference`` is the Hodges-Lehmann mean, ``effect_size`` Cohen's d_z with Hedges'
         (1981) correction.
     """
-    from scipy.stats import ttest_rel, wilcoxon
-
     apart, count = b - a, len(a)
     numbers = {"subjects": count, "mean_a": a.mean(), "mean_b": b.mean()}
     numbers |= {"difference": apart.mean(), "std_error": apart.sem()}
@@ -198,24 +179,21 @@ def paired(a: Series, b: Series) -> dict[str, Any]:
     }
 
 
-def holm(p: FloatArray) -> FloatArray:
+def holm(p: Series) -> Series:
     """Holm's (1979) correction of p-values for their number; NaN are no tests and do not count."""
-    corrected = np.array(p, dtype=float)
-    order = np.argsort(corrected)[: np.count_nonzero(np.isfinite(corrected))]  # NaN come last
-    times = np.arange(len(order), 0, -1)
-    corrected[order] = np.minimum(np.maximum.accumulate(times * corrected[order]), 1.0)
-    return corrected
+    known = p.dropna().sort_values()
+    return (known * np.arange(len(known), 0, -1)).cummax().clip(upper=1.0).reindex(p.index)
 
 
 def planned(results: Results) -> DataFrame:
     """How many subjects a difference of `SHARE` takes, by the spread of differences measured here.
 
     Columns: the stratum's fields, method, parameter, ``spread`` (standard deviation of the paired
-    differences over the mean, root mean square over the pairs), ``subjects`` (NaN: over 1000).
+    differences over the mean [%], root mean square over the pairs), ``subjects`` (NaN: over 1000).
     """
     known = results.contrasts[results.contrasts["t"].notna()]
     size = 0.5 * (known["mean_a"] + known["mean_b"])
-    known = known.assign(spread=known["subjects"] * (known["std_error"] / size) ** 2)
+    known = known.assign(spread=known["subjects"] * (100.0 * known["std_error"] / size) ** 2)
     keys = [*results.strata, *QUANTITY]
     spread = known.groupby(keys, sort=False)["spread"].mean().pow(0.5).reset_index()
     return spread.assign(subjects=[subjects_needed(SHARE / s) for s in spread["spread"]])
@@ -231,8 +209,6 @@ def subjects_needed(effect: float) -> int | None:
     effect
         The difference over the standard deviation of the subjects' differences.
     """
-    from scipy.stats import nct, t
-
     counts = np.arange(2, 1001)
     limit, shift = t.isf(0.025, counts - 1), effect * np.sqrt(counts)
     often = nct.sf(limit, counts - 1, shift) + nct.cdf(-limit, counts - 1, shift)
@@ -245,14 +221,12 @@ def subjects_needed(effect: float) -> int | None:
 
 def effects(results: Results) -> DataFrame:
     """Effects of the factors on each quantity, of parameters in models that suit all conditions."""
-    from pandas import DataFrame
-
     factors, rows = results.settings.factors, list[dict[str, Any]]()
     names, shape = ([], []) if factors is None else ([*factors], [*factors.nunique()])
     for head, models, of in cells_of(results, results.settings.crossed):
         whole, notes = _subjects(of, [*models])
         values = whole.to_numpy().reshape(-1, *shape)
-        tests = anova(values, names) if 2 * len(whole) > of[SUBJECT].nunique() else {}
+        tests = anova(values, names) if 2 * len(whole) > of["subject"].nunique() else {}
         if not tests:
             tests, notes = {":".join(names): {}}, f"not tested: {notes}"
         more = {"subjects": len(whole), "notes": notes}
@@ -277,26 +251,24 @@ def anova(values: FloatArray, names: Sequence[str]) -> dict[str, dict[str, float
         after Greenhouse and Geisser (1959), partial eta squared.  Effects that do not scatter are
         missing.
     """
-    from scipy.special import fdtrc
-
     count, *levels = values.shape
     table, tests = values.reshape(count, -1), {}
     for size in range(1, len(names) + 1) if count > 1 else ():
-        for some in combinations(range(len(names)), size):
-            projection: FloatArray = np.ones((1, 1))
-            for place, level in enumerate(levels):
-                mean = np.full((level, level), 1.0 / level)
-                part = np.eye(level) - mean if place in some else mean
-                projection = np.asarray(np.kron(projection, part), dtype=float)
-            effect = table @ projection
-            spread = np.cov(effect, rowvar=False)
+        for some in combinations(names, size):
+            # Orthonormal contrasts of the effect's levels, means over those of other factors.
+            parts = [
+                helmert(level) if name in some else np.full((1, level), level**-0.5)
+                for name, level in zip(names, levels, strict=True)
+            ]
+            effect = table @ reduce(np.kron, parts).T
+            spread = np.atleast_2d(np.cov(effect, rowvar=False))
             if np.sqrt(np.trace(spread)) <= ROUNDING * np.abs(table).max():
                 continue
-            df1 = float(np.prod([levels[place] - 1 for place in some]))
+            df1 = float(len(spread))
             df2 = df1 * (count - 1)
             f = count * float(np.sum(effect.mean(axis=0) ** 2)) / float(np.trace(spread))
             epsilon = float(np.trace(spread) ** 2 / (df1 * np.sum(spread**2)))
-            tests[":".join(names[place] for place in some)] = {
+            tests[":".join(some)] = {
                 "F": f, "df1": df1, "df2": df2, "p": float(fdtrc(df1, df2, f)), "epsilon": epsilon,
                 "p_corrected": float(fdtrc(epsilon * df1, epsilon * df2, f)),
                 "eta_squared": f * df1 / (f * df1 + df2),
@@ -306,8 +278,6 @@ def anova(values: FloatArray, names: Sequence[str]) -> dict[str, dict[str, float
 
 def not_compared(results: Results) -> Iterator[str]:
     """Which conditions have no parameters in common, and which have a model that does not suit."""
-    if not {SUBJECT, CONDITION} <= {*results.fields}:
-        yield "Conditions are not compared: that needs a pattern with {subject} and {condition}."
     for (stratum, conditions), (models, suits) in results.compared.items():
         words = " ".join((*stratum, ":".join(conditions)))
         if not models:
@@ -326,10 +296,10 @@ def not_compared(results: Results) -> Iterator[str]:
 def sensitivity(results: Results) -> DataFrame:
     """Mean shifts of parameters that count, in claimed errors, by other ways to fit."""
     rows = results.quantities
-    rows = rows[(rows["kind"] == PARAMETER) & (rows[LEFT_OUT] == "") & rows["run"].isna()]
+    rows = rows[(rows["kind"] == "parameter") & (rows["left_out"] == "") & rows["run"].isna()]
     is_other = rows["otherwise"] != ""
     names = ["file", "model", *QUANTITY]
     both = rows[is_other].merge(rows.loc[~is_other, [*names, "value", "std_error"]], on=names)
     both["shift"] = (both["value_x"] - both["value_y"]) / both["std_error_y"]
-    keys = [n for n in (*results.strata, CONDITION, "otherwise", "method") if n in both]
+    keys = [*results.strata, "condition", "otherwise", "method"]
     return both.pivot_table("shift", keys, "parameter", sort=False).reset_index()

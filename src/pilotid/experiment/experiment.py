@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from pandas import DataFrame
 
 from pilotid.estimate.method import Method
 from pilotid.experiment.comparisons import compared
 from pilotid.experiment.files import (
     QUANTITY_COLUMNS,
     excluded_of,
-    in_order,
+    pairs_of,
     parts_of,
     with_factors,
 )  # fmt: skip
 from pilotid.experiment.fits import fit_recordings
 from pilotid.experiment.report import blocks, tables_tex, write_report
-from pilotid.experiment.results import LOOP, Fitting, Results, Settings
+from pilotid.experiment.results import Fitting, Results, Settings
 from pilotid.methods import label_of, method_named
 from pilotid.model.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.model.element import ControlledElement, as_element
@@ -30,9 +32,6 @@ from pilotid.support.format import Table, as_text
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.remarks import codes_in
 from pilotid.support.types import InputError
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 TABLES = ("estimates", "models", "loops", "contrasts", "factors", "left_out")
 TEX, PAGE = "tables.tex", "report.html"
@@ -69,7 +68,7 @@ class Experiment(Results):
             frame: DataFrame = getattr(self, table)
             return frame
         rows = self.quantities
-        rows = rows[(rows["otherwise"] == "") & ((rows["kind"] == LOOP) == (table == "loops"))]
+        rows = rows[(rows["otherwise"] == "") & ((rows["kind"] == "loop") == (table == "loops"))]
         columns = ["file", *self.fields, *QUANTITY_COLUMNS]
         if table == "loops":
             columns.insert(columns.index("parameter"), "element")
@@ -217,17 +216,3 @@ def analyse(
 def _several(given: Any) -> list[Any]:
     """A list, also of one text alone."""
     return [given] if isinstance(given, str) else [*given]
-
-
-def pairs_of(texts: Sequence[str], conditions: Collection[str]) -> list[tuple[str, str]]:
-    """The pairs of conditions in texts such as ``C3:C6,C2:C5``."""
-    pairs = []
-    for text in ",".join(texts).split(",") if texts else ():
-        first, _, second = (part.strip() for part in text.partition(":"))
-        if first == second or not {first, second} <= {*filter(None, conditions)}:
-            raise InputError(
-                f"--contrast {text}: must be two conditions of {{condition}} in the pattern, as in "
-                f"C3:C6; there are {', '.join(in_order(filter(None, conditions))) or 'none'}"
-            )
-        pairs.append((first, second))
-    return pairs

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pandas import DataFrame
+from scipy.stats import t
 
 from pilotid.estimate.quantities import FrequencyResponse, symbol, unit_words
-from pilotid.experiment.files import CONDITION, SUBJECT, in_order
-from pilotid.experiment.results import LEFT_OUT, MEASURED, Results
+from pilotid.experiment.files import in_order
+from pilotid.experiment.results import Results
 from pilotid.plots.page import Figure
 from pilotid.plots.responses import Bode
 from pilotid.plots.style import INK, draw_grid, journal_figure, with_unit
@@ -20,7 +22,6 @@ from pilotid.support.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Drawing
-    from pandas import DataFrame
 
 ACROSS = 4  # panels in a row
 #: Of subjects in their order, told apart with a colour vision deficiency, too (Tol, 2021).
@@ -32,9 +33,7 @@ PARTS = ("target", "disturbance", "remnant")
 
 def figures(results: Results) -> Iterator[Figure]:
     """Variances and estimates of each stratum and method, and the responses of groups."""
-    if not {SUBJECT, CONDITION} <= {*results.fields}:
-        return
-    groups = [(title, rows[rows[LEFT_OUT] == ""]) for title, rows in results.groups()]
+    groups = [(title, rows[rows["left_out"] == ""]) for title, rows in results.groups()]
     split = [(title, rows) for title, rows in groups if "var_e_remnant" in {*rows["parameter"]}]
     for place, (title, rows) in enumerate(split, 1):
         words = f"What variances are made of ({title}): means over subjects, 95 % intervals."
@@ -47,9 +46,9 @@ def figures(results: Results) -> Iterator[Figure]:
             "no model of the pilot."
         )
         yield Figure(f"responses-{place}", responses_figure(rows), words)
-    fits = [(title, rows) for title, rows in groups if len(rows[rows["method"] != MEASURED])]
+    fits = [(title, rows) for title, rows in groups if len(rows[rows["method"] != "measured"])]
     for place, (title, rows) in enumerate(fits, 1):  # the tall ones last, for fewer pages
-        words = f"{title}. Bars: 95 % from the claimed errors, cut where they are long."
+        words = f"{title}. Bars: 95 % from the claimed errors."
         yield Figure(f"estimates-{place}", estimates_figure(rows), words)
 
 
@@ -62,21 +61,16 @@ def estimates_figure(rows: DataFrame) -> Drawing:
         Rows of one stratum and method that count, with columns subject and condition.
     """
     keys = [*dict.fromkeys(rows["parameter"])]
-    conditions, subjects = in_order(rows[CONDITION]), in_order(rows[SUBJECT])
-    at, who = rows[CONDITION].map(conditions.index), rows[SUBJECT].map(subjects.index)
-    rows = rows.assign(at=at, who=who, x=at + 0.48 * ((who + 0.5) / len(subjects) - 0.5))
-    count = math.ceil(len(keys) / ACROSS)
-    with journal_figure(1.75 * count + 0.4) as figure:
-        panels = figure.subplots(count, min(ACROSS, len(keys)), squeeze=False).ravel()
-        for axes, key in zip(panels, keys, strict=False):
-            _panel(axes, rows[rows["parameter"] == key])
+    conditions, subjects = in_order(rows["condition"]), in_order(rows["subject"])
+    rows = rows.assign(at=rows["condition"].map(conditions.index))
+    across, down = min(ACROSS, len(keys)), math.ceil(len(keys) / ACROSS)
+    with journal_figure(1.75 * down + 0.4) as figure:
+        for place, key in enumerate(keys, 1):
+            axes = figure.add_subplot(down, across, place)
+            _panel(axes, rows[rows["parameter"] == key], subjects)
             axes.set_xticks(range(len(conditions)), conditions)
             axes.set_xlim(-0.6, len(conditions) - 0.4)
-        for axes in panels[len(keys) :]:
-            axes.set_axis_off()
-        every = [axes.get_legend_handles_labels() for axes in panels]
-        named = {label: handle for pair in every for handle, label in zip(*pair, strict=True)}
-        _legend(figure, named.values(), named)
+        _legend(figure, *figure.axes[0].get_legend_handles_labels())
     return figure
 
 
@@ -89,23 +83,20 @@ def _legend(figure: Drawing, handles: Iterable[Any], labels: Iterable[str]) -> N
     figure.legend([*handles], [*labels], loc="outside lower center", ncols=7, frameon=False)
 
 
-def _panel(axes: Axes, rows: DataFrame) -> None:
-    for who, one in rows.groupby("who"):
+def _panel(axes: Axes, rows: DataFrame, subjects: Sequence[str]) -> None:
+    for who, subject in enumerate(subjects):
+        one = rows[rows["subject"] == subject]
         reach = one[["lower_95", "upper_95"]].sub(one["value"], axis=0).abs().fillna(0.0)
         colour, marker = _look(who)
         look: dict[str, Any]
         look = {"fmt": f"-{marker}", "color": colour, "linewidth": 0.5, "markersize": 3.0}
-        look |= {"elinewidth": 0.9, "label": f"subject {one[SUBJECT].iloc[0]}"}
-        axes.errorbar(one["x"], one["value"], reach.T, **look)
+        look |= {"elinewidth": 0.9, "label": f"subject {subject}"}
+        x = one["at"] + 0.48 * ((who + 0.5) / len(subjects) - 0.5)
+        axes.errorbar(*map(np.asarray, (x, one["value"], reach.T)), **look)
     means = rows.groupby("at")["value"].mean()
     ends = means.index - 0.36, means.index + 0.36
     axes.hlines(means, *ends, color=INK, linewidth=1.2, label="mean over subjects")
     draw_grid(axes, "y")
-    # Intervals that would squeeze the values together are cut.
-    low, high = float(rows["value"].min()), float(rows["value"].max())
-    room = high - low or 0.5 * abs(high) or 1.0
-    bottom, top = axes.get_ylim()
-    axes.set_ylim(max(bottom, low - room), min(top, high + room))
     first = rows.iloc[0]
     axes.set_title(with_unit(symbol(first["parameter"]), unit_words(first["unit"])), loc="left")
 
@@ -120,8 +111,8 @@ def variances_figure(rows: DataFrame) -> Drawing:
     rows
         Measured rows of one stratum that count.
     """
-    conditions = in_order(rows[CONDITION])
-    table = rows.groupby(["parameter", CONDITION])["value"].agg(["mean", "sem", "count"])
+    conditions = in_order(rows["condition"])
+    table = rows.groupby(["parameter", "condition"])["value"].agg(["mean", "sem", "count"])
     signals = [name for name in "eux" if f"var_{name}_remnant" in table.index]
     with journal_figure(2.4) as figure:
         panels = figure.subplots(1, len(signals), squeeze=False)[0]
@@ -146,8 +137,6 @@ def variances_figure(rows: DataFrame) -> Drawing:
 
 def _reach(means: DataFrame) -> FloatArray:
     """Half of the 95 % interval of each mean; 0 of a single one."""
-    from scipy.stats import t
-
     freedom = np.maximum(means["count"].fillna(0.0) - 1.0, 1.0)
     return np.asarray(np.nan_to_num(t.isf(0.025, freedom) * means["sem"].to_numpy()))
 
@@ -167,13 +156,13 @@ def responses_figure(responses: DataFrame) -> Drawing:
     little; bars are 95 % intervals.
     """
     channels = [*dict.fromkeys(responses["channel"])]
-    conditions = in_order(responses[CONDITION])
+    conditions = in_order(responses["condition"])
     lines = np.array([0.9, 1.1]) * [responses["omega"].min(), responses["omega"].max()]
     with journal_figure(3.0) as figure:
         panels = figure.subplots(2, len(channels), squeeze=False, sharex=True, height_ratios=(3, 2))
         for axes, channel in zip(panels.T, channels, strict=True):
             of_channel, bode = responses[responses["channel"] == channel], Bode(tuple(axes), lines)
-            for condition, rows in of_channel.groupby(CONDITION):
+            for condition, rows in of_channel.groupby("condition"):
                 place, by_line = conditions.index(condition), rows.groupby("omega")
                 mean, error = zip(*(_weighted(of) for _, of in by_line), strict=True)
                 omega = np.array([*by_line.groups]) * (1.0 + 0.02 * (place - len(conditions) / 2))
@@ -188,8 +177,6 @@ def responses_figure(responses: DataFrame) -> Drawing:
 
 def _weighted(of: DataFrame) -> tuple[complex, float]:
     """Mean of coefficients weighted by their inverse variance, and half of its 95 % interval."""
-    from scipy.stats import t
-
     values = of["real"].to_numpy() + 1j * of["imag"].to_numpy()
     errors = of["std"].to_numpy() ** 2
     count = len(values)

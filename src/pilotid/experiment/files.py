@@ -1,27 +1,24 @@
-"""What the names of files say: subject, condition, run, and whatever else a laboratory writes."""
+"""What the names of files say: subject, condition, run, and whatever else a laboratory writes.
+
+The field ``subject`` is who was recorded, ``condition`` under what; values of ``run`` are runs of
+one recording, each in a file of its own.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from pandas import DataFrame, factorize
 
 from pilotid.recording.files import Reading
 from pilotid.recording.recording import Recording
 from pilotid.recording.windows import file_of, sidecar_path, stem_of
 from pilotid.support.naming import digest_of
 from pilotid.support.types import InputError
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-#: The field of a pattern that names who was recorded, and the one that names under what.
-SUBJECT, CONDITION = "subject", "condition"
-#: The field whose values are runs of one recording, each in a file of its own.
-RUN = "run"
 
 FIELD = re.compile(r"\{([^{}]*)\}")
 
@@ -54,7 +51,7 @@ def fields_of(path: Path, pattern: str) -> dict[str, str] | None:
     """
     words = FIELD.split(pattern)
     names, between = words[1::2], "".join(words[::2])
-    taken = {"file", *QUANTITY_COLUMNS} - {RUN}
+    taken = {"file", *QUANTITY_COLUMNS} - {"run"}
     good = len({*names} - taken) == len(names) > 0 and all(map(str.isidentifier, names))
     if not good or "{" in between or "}" in between:
         raise InputError(
@@ -84,7 +81,8 @@ class Part:
     files
         The files, in the order of their runs.
     fields
-        The values of the pattern's fields, without the run.
+        The values of the pattern's fields, without the run; subject and condition are empty where
+        the pattern does not say.
     """
 
     files: tuple[Path, ...]
@@ -97,25 +95,23 @@ class Part:
 
     @property
     def condition(self) -> str:
-        """Under what was recorded; empty where the pattern does not say."""
-        return self.fields.get(CONDITION, "")
+        """Under what was recorded."""
+        return self.fields["condition"]
 
     @property
     def stratum(self) -> tuple[str, ...]:
         """All fields but who and under what: contrasts are made within each value of them."""
-        return tuple(v for name, v in self.fields.items() if name not in (SUBJECT, CONDITION))
+        return tuple(v for name, v in self.fields.items() if name not in ("subject", "condition"))
 
     @property
     def group(self) -> tuple[str, ...]:
-        """What recordings have in common that have one model: those of other subjects, or none."""
-        alone = () if SUBJECT in self.fields else (self.name,)
-        return (*self.stratum, self.condition, *alone)
+        """What recordings have in common that have one model: all but the subject."""
+        return (*self.stratum, self.condition)
 
     @property
     def words(self) -> str:
-        """The fields, or else the file's name, as headings have it."""
-        fields = " ".join(f"{name} {value}" for name, value in self.fields.items())
-        return fields or stem_of(self.files[0])
+        """The fields, as headings have them."""
+        return " ".join(f"{name} {value}" for name, value in self.fields.items() if value)
 
     def recording(self, reading: Reading) -> Recording:
         """The recording in the files.
@@ -142,21 +138,20 @@ def parts_of(files: Sequence[Path], pattern: str | None) -> tuple[list[Part], li
     files
         As the user named them.
     pattern
-        What their names say, see `fields_of`; None for nothing.
+        What their names say, see `fields_of`; None where each is a subject's, in one condition.
     """
-    if pattern is None:
-        return [Part((file,), {}) for file in dict.fromkeys(files)], []
     refused = list[str]()
     grouped: dict[tuple[tuple[str, str], ...], dict[str, Path]] = {}
     for file in dict.fromkeys(files):
-        fields = fields_of(file, pattern)
+        fields = {"subject": str(file)} if pattern is None else fields_of(file, pattern)
         if fields is None:
             refused.append(
                 f"{file}: the name does not fit the pattern '{pattern}'; change the pattern, or "
                 "leave the file out"
             )
             continue
-        run = fields.pop(RUN, "")
+        run = fields.pop("run", "")
+        fields |= {name: "" for name in ("subject", "condition") if name not in fields}
         first = grouped.setdefault(tuple(fields.items()), {}).setdefault(run, file)
         if first != file:
             refused.append(
@@ -167,8 +162,7 @@ def parts_of(files: Sequence[Path], pattern: str | None) -> tuple[list[Part], li
         Part(tuple(runs[run] for run in in_order(runs)), dict(fields))
         for fields, runs in grouped.items()
     ]
-    order = in_order(part.words for part in parts)
-    return sorted(parts, key=lambda part: order.index(part.words)), refused
+    return sorted(parts, key=lambda part: _natural(part.words)), refused
 
 
 def excluded_of(parts: Sequence[Part], texts: Sequence[str]) -> tuple[list[Part], list[Part]]:
@@ -195,10 +189,28 @@ def excluded_of(parts: Sequence[Part], texts: Sequence[str]) -> tuple[list[Part]
     return left, excluded
 
 
+def pairs_of(texts: Sequence[str], conditions: Collection[str]) -> list[tuple[str, str]]:
+    """The pairs of conditions in texts such as ``C3:C6,C2:C5``."""
+    pairs = []
+    for text in ",".join(texts).split(",") if texts else ():
+        first, _, second = (part.strip() for part in text.partition(":"))
+        if first == second or not {first, second} <= {*filter(None, conditions)}:
+            raise InputError(
+                f"--contrast {text}: must be two conditions of {{condition}} in the pattern, as in "
+                f"C3:C6; there are {', '.join(in_order(filter(None, conditions))) or 'none'}"
+            )
+        pairs.append((first, second))
+    return pairs
+
+
 def in_order(values: Iterable[str]) -> list[str]:
     """Distinct values in a natural order: C2 before C10."""
-    padded = {text: re.sub(r"\d+", lambda digits: digits[0].zfill(20), text) for text in values}
-    return sorted(padded, key=lambda text: (padded[text], text))
+    return sorted({*values}, key=_natural)
+
+
+def _natural(text: str) -> tuple[str, str]:
+    """What texts are sorted by, so that C2 comes before C10."""
+    return re.sub(r"\d+", lambda digits: digits[0].zfill(20), text), text
 
 
 def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], DataFrame | None]:
@@ -217,8 +229,6 @@ def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], D
     InputError
         If it is neither, or the conditions are no full crossing.
     """
-    from pandas import factorize
-
     if text is None:
         return [*parts], None
     names = [name.strip() for name in text.split(",")]
@@ -241,22 +251,19 @@ def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], D
 
 def _by_fields(parts: Sequence[Part], names: Sequence[str]) -> tuple[list[Part], DataFrame]:
     """Factors that are fields of the pattern: conditions named by their levels."""
-    from pandas import DataFrame
-
-    renamed, rows = list[Part](), dict[str, dict[str, str]]()
-    for part in parts:
-        levels = {name: part.fields[name] for name in names}
-        condition = ", ".join(levels.values())
-        rows[condition] = levels
-        others = {name: value for name, value in part.fields.items() if name not in names}
-        renamed.append(Part(part.files, {**others, CONDITION: condition}))
-    return renamed, DataFrame.from_dict(rows, orient="index").loc[in_order(rows)]
+    levels = DataFrame([part.fields for part in parts])[[*names]]
+    levels.index = levels.agg(", ".join, axis=1)
+    renamed = [
+        Part(
+            part.files, {**{n: v for n, v in part.fields.items() if n not in names}, "condition": c}
+        )
+        for part, c in zip(parts, levels.index, strict=True)
+    ]
+    return renamed, levels.drop_duplicates().loc[in_order(levels.index)]
 
 
 def _in_text(text: str) -> DataFrame:
     """Factors by condition, from a text such as ``motion=C1,C2:off;C3,C4:on``."""
-    from pandas import DataFrame
-
     levels: dict[str, dict[str, str]] = {}
     factor = ""
     for part in filter(None, map(str.strip, text.split(";"))):

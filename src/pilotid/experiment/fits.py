@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from pandas import DataFrame, concat
+from scipy.special import stdtrit
 
 from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import copies_among, fingerprints
@@ -26,19 +28,7 @@ from pilotid.estimate.loops import Loops
 from pilotid.estimate.method import Method, fit_all, identify
 from pilotid.estimate.quantities import frame_of
 from pilotid.experiment.files import Part
-from pilotid.experiment.results import (
-    LEFT_OUT,
-    LEFT_OUT_COLUMNS,
-    LOOP,
-    MEASURED,
-    PARAMETER,
-    Content,
-    Fitting,
-    Results,
-    Settings,
-    choices_of,
-    results_of,
-)
+from pilotid.experiment.results import Content, Fitting, Results, Settings, choices_of, results_of
 from pilotid.likelihood.choice import compare_models, default_candidates
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.fourier import first_step_of
@@ -59,20 +49,17 @@ from pilotid.support.types import FloatArray, InputError, IntArray, one_line, re
 
 #: What variances are made of, and the signal that has each.
 SOURCES = {"target": "ft", "disturbance": "fd"}
-REMNANT = "remnant"
 #: Runs of which each can be set against the mean of others.
 ENOUGH = 3
 #: Ratio of signals of two subjects that is one of units; degrees are 57 of radians.
 OTHER_UNIT = 20.0
-#: Share of remnant in the control's variance.
-SHARE = "remnant_share_u"
 
 
 def performance(recording: Recording) -> dict[str, tuple[str, FloatArray]]:
     """Quantities of e, u and x: unit, and value in each run.
 
     ``var_e`` and ``rms_e``, and where forcing functions are multisines ``var_e_target``,
-    ``var_e_disturbance`` (of those that there are) and ``var_e_remnant``, and `SHARE`.
+    ``var_e_disturbance`` (of those that there are) and ``var_e_remnant``, and ``remnant_share_u``.
     """
     lines = {} if lines_shared(recording) else known_lines(recording)
     every = np.concatenate([*lines.values()]) if lines else np.zeros(0, dtype=int)
@@ -91,32 +78,38 @@ def performance(recording: Recording) -> dict[str, tuple[str, FloatArray]]:
                 answer = _answer(recording, signal, forcing, lines[forcing], every)
                 quantities[f"var_{name}_{source}"] = square, answer
                 rest = rest - answer
-        quantities[f"var_{name}_{REMNANT}"] = square, rest
+        quantities[f"var_{name}_remnant"] = square, rest
         if name == "u":
-            quantities[SHARE] = "", rest / total
+            quantities["remnant_share_u"] = "", rest / total
     return quantities
 
 
 def measured(recording: Recording) -> list[Content]:
     """What estimates have, of signals: the means over runs, and each of several runs alone."""
-    from pandas import DataFrame
-    from scipy.special import stdtrit
-
     known = performance(recording)
     units, values = zip(*known.values(), strict=True)
     runs, mean = recording.runs, np.mean(values, axis=1)
     error = np.std(values, axis=1, ddof=1) / math.sqrt(runs) if runs > 1 else np.nan * mean
     reach = stdtrit(max(runs - 1, 1), 1.0 - 0.5 * LEVEL) * error
-    rows = DataFrame({"kind": MEASURED, "parameter": [*known], "unit": units})
-    rows = rows.assign(determined=True, **{LEFT_OUT: ""})
+    rows = DataFrame(
+        {
+            **{
+                "kind": "measured",
+                "model": "",
+                "element": "",
+                "method": "measured",
+                "otherwise": "",
+            },
+            **{"outcome": "measured", "usable": True, "vaf": math.nan, "parameter": [*known]},
+            **{"unit": units, "determined": True, "left_out": ""},
+        }
+    )
     whole = rows.assign(value=mean, std_error=error, lower_95=mean - reach, upper_95=mean + reach)
-    single = enumerate(zip(*values, strict=True), 1) if runs > 1 else ()
-    shared: dict[str, Any]
-    shared = {"model": "", "element": "", "method": MEASURED, "outcome": MEASURED, "usable": True}
-    shared |= {"otherwise": "", "vaf": math.nan, "remarks": (), "loop_remarks": ()}
+    single = [rows.assign(value=value) for value in zip(*values, strict=True)] if runs > 1 else []
     return [
-        {**shared, "run": run, "quantities": quantities.to_dict("records")}
-        for run, quantities in [(None, whole), *((run, rows.assign(value=v)) for run, v in single)]
+        {"run": run or None, "of_fit": (), "of_loops": (), **row}
+        for run, quantities in enumerate([whole, *single])
+        for row in quantities.to_dict("records")
     ]
 
 
@@ -154,25 +147,20 @@ def _answer(
 
 def other_units(looks: Mapping[Part, Content]) -> Iterator[tuple[Part, Remark]]:
     """Recordings of which a signal is far from as large as in most others of their condition."""
-    from pandas import DataFrame
-
-    rows = [
-        (part, (part.stratum, part.condition), row["parameter"].removeprefix("rms_"), row["value"])
+    frame = DataFrame(
+        {"part": part, "group": part.group, **row}
         for part, content in looks.items()
-        for row in content["estimates"][0]["quantities"]
-        if row["parameter"].startswith("rms_")
-    ]
-    frame = DataFrame(rows, columns=["part", "group", "signal", "size"])
-    alike = frame.groupby(["group", "signal"])["size"]
-    frame["factor"] = frame["size"] / alike.transform("median")
-    is_far = (np.abs(np.log(frame["factor"])) > math.log(OTHER_UNIT)) & (
-        alike.transform("size") > 2
+        for row in content["rows"]
+        if row["parameter"].startswith("rms_") and row["run"] is None
     )
-    for row in frame[is_far].itertuples():
+    alike = frame.groupby(["group", "parameter"])["value"]
+    frame["factor"] = frame["value"] / alike.transform("median")
+    far = np.abs(np.log(frame["factor"])) > math.log(OTHER_UNIT)
+    for row in frame[far & (alike.transform("size") > 2)].itertuples():
         words = (
-            f"{row.signal} is {row.factor:.3g} times as large as in the other recordings of "
-            f"{row.part.condition or 'the experiment'}: it is in another unit; convert it in the "
-            "file, or leave the file out"
+            f"{row.parameter.removeprefix('rms_')} is {row.factor:.3g} times as large as in the "
+            f"other recordings of {row.part.condition or 'the experiment'}: it is in another unit; "
+            "convert it in the file, or leave the file out"
         )
         yield row.part, Remark("wrong-unit", words)
 
@@ -240,7 +228,7 @@ def look(
         "candidates": [
             asdict(model) for model in compare_models(chosen.named_in(recording), tried, how.seed)
         ],
-        "estimates": measured(recording),
+        "rows": measured(recording),
     }
 
 
@@ -255,18 +243,17 @@ def fit(part: Part, model: PilotModel, how: Fitting) -> Content:
     for name, reading, able in variants(how, recording.duration) if how.sensitivity else ():
         with suppress(InputError):  # half of the recording may be too short
             ways.append((name, None, part.recording(reading), able))
-    estimates = []
+    rows = list[Content]()
     for name, run, some, able in ways:
         fitted = fit_all(some, model, able, how.seed, chosen_element(some, how.element))
         for estimate, loops in zip_longest(fitted.estimates, fitted.loops):
-            estimates.append({"otherwise": name, "run": run, **_estimate(estimate, loops)})
+            rows += [{"otherwise": name, "run": run, **row} for row in _rows(estimate, loops)]
     predicted = [
-        {"run": run, **row}
+        row
         for run in (runs if how.left_out else ())
         for row in predict_left_out(recording, model, methods, run, how.seed)
     ]
-    responses = _responses(recording, model)
-    return {"estimates": estimates, "left_out": predicted, "responses": responses}
+    return {"rows": rows, "left_out": predicted, "responses": _responses(recording, model)}
 
 
 def variants(how: Fitting, seconds: float) -> Iterator[tuple[str, Reading, dict[str, Method]]]:
@@ -284,29 +271,28 @@ def variants(how: Fitting, seconds: float) -> Iterator[tuple[str, Reading, dict[
     yield "second half", replace(reading, span=f"{middle:.6g}:{end:.6g}"), methods
 
 
-def _estimate(estimate: Estimate, loops: Loops | None) -> Content:
-    """What tables need of a fit."""
-    from pandas import concat
-
-    model, frames = estimate.model, [frame_of(estimate.quantities).assign(kind=PARAMETER)]
-    for loop in loops.shown if loops else ():
+def _rows(estimate: Estimate, loops: Loops | None) -> list[Content]:
+    """A row for each quantity of a fit."""
+    model, frames = estimate.model, [frame_of(estimate.quantities).assign(kind="parameter")]
+    # Of a pilot who changes there is no loop, and nothing to show.
+    for loop in loops.shown if loops and not model.no_loop else ():
         of_loop = frame_of((loop.crossover, loop.phase_margin, loop.effective_delay))
-        frames.append(of_loop.assign(kind=LOOP))
+        frames.append(of_loop.assign(kind="loop"))
     rows = concat(frames)
-    rows[LEFT_OUT] = rows["determined"].map({True: "", False: "not determined"})
+    rows["left_out"] = rows["determined"].map({True: "", False: "not determined"})
     ends = np.array(model.keys)[is_at_bound(model, estimate.values)]
-    rows.loc[rows["parameter"].isin(ends), LEFT_OUT] = "at its bound"
-    return {
-        "model": model.name,
-        "method": estimate.method,
-        "outcome": estimate.outcome.slug,
-        "usable": estimate.outcome.usable,
-        "vaf": estimate.vaf,
-        "element": loops.element.name if loops else "",
-        "remarks": _graded(estimate.remarks),
-        "loop_remarks": _graded([*loops.remarks, *loops.notes]) if loops else [],
-        "quantities": rows.to_dict("records"),
-    }
+    rows.loc[rows["parameter"].isin(ends), "left_out"] = "at its bound"
+    rows = rows.assign(
+        model=model.name,
+        method=estimate.method,
+        outcome=estimate.outcome.slug,
+        usable=estimate.outcome.usable,
+        vaf=estimate.vaf,
+        element=loops.element.name if loops else "",
+    )
+    of_fit = _graded(estimate.remarks)
+    of_loops = _graded([*loops.remarks, *loops.notes]) if loops else []
+    return [{**row, "of_fit": of_fit, "of_loops": of_loops} for row in rows.to_dict("records")]
 
 
 def predict_left_out(
@@ -334,9 +320,10 @@ def predict_left_out(
     for label, method in methods.items():
         estimate = identify(method, others, model, fit_rng(seed, label))
         score = estimate.score(left, others) if estimate.outcome.usable else None
-        numbers = (score.vaf, score.log_score) if score else (math.nan, math.nan)
-        row = (model.name, label, estimate.outcome.slug, *numbers, estimate.seconds)
-        rows.append(dict(zip(LEFT_OUT_COLUMNS[1:], row, strict=True)))
+        vaf, likelihood = (score.vaf, score.log_score) if score else (math.nan, math.nan)
+        row = {"run": run, "model": model.name, "method": label, "outcome": estimate.outcome.slug}
+        row |= {"vaf": vaf, "log_likelihood": likelihood, "seconds": estimate.seconds}
+        rows.append(row)
     return rows
 
 
@@ -345,11 +332,10 @@ def _responses(recording: Recording, model: PilotModel) -> list[Content]:
     step = None if model.changes else first_step_of(recording, model)
     if step is None:
         return []
-    names = ("omega", "real", "imag", "std")
     return [
-        {"channel": channel.name, **dict(zip(names, row, strict=True))}
+        {"channel": channel.name, "omega": omega, "real": own.real, "imag": own.imag, "std": error}
         for channel, values, errors in zip(model.channels, step.value, step.std, strict=True)
-        for row in np.column_stack([step.omega, values.real, values.imag, errors]).tolist()
+        for omega, own, error in zip(step.omega, values, errors, strict=True)
     ]
 
 
@@ -439,7 +425,8 @@ def _contents(
             lost[task.key] = why
         else:
             store.put((task.key, "", 0), content, again=True)
-    refused += [lost[task.key] for task in tasks if task.key in lost]
     for task in tasks:
-        if task.key not in lost:
+        if task.key in lost:
+            refused.append(lost[task.key])
+        else:
             yield task.part, store.get(dict, (task.key, "", 0))

@@ -6,35 +6,21 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from pandas import DataFrame, concat
 
 from pilotid.estimate.quantities import UNDETERMINED, symbol
 from pilotid.experiment.comparisons import POWER, SHARE, not_compared, planned, sensitivity
 from pilotid.experiment.figures import figures
-from pilotid.experiment.files import CONDITION, SUBJECT, in_order
-from pilotid.experiment.results import LEFT_OUT, MEASURED, Results
+from pilotid.experiment.files import in_order
+from pilotid.experiment.results import Results
 from pilotid.plots.page import FIGURES, save_figures, write_page
-from pilotid.support.format import (
-    NONE,
-    Table,
-    latex,
-    number,
-    p_value,
-    percent,
-    plus_minus,
-    table,
-    to_error,
-    unsigned,
-)  # fmt: skip
+from pilotid.support.format import NONE, Table, latex, number, p_value, table, to_error, unsigned
 from pilotid.support.jobs import about_this
 from pilotid.support.numbers import LEVEL
-from pilotid.support.remarks import Remark, counted_grades, gravest_first
+from pilotid.support.remarks import counted_grades, gravest_first
 from pilotid.support.types import printable
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 FEW = 3  # pairs of which all differences are shown first
 #: Quantities of signals that are shown first; all others are parts of them.
@@ -50,24 +36,20 @@ def _interval(low: float, high: float, error: float) -> str:
 FORMS: Mapping[str, Callable[..., str]] = {
     **dict.fromkeys(("subjects", "freedom", "df1", "df2", "runs", "failed"), "{:.0f}".format),
     **dict.fromkeys(("p", "p_holm", "wilcoxon_p", "p_corrected"), p_value),
-    **dict.fromkeys(("F", "effect_size", "vaf"), number),
-    **dict.fromkeys(("epsilon", "eta_squared"), "{:.3f}".format),
+    **dict.fromkeys(("t", "F", "effect_size", "vaf", "epsilon", "eta_squared", "spread"), number),
     **dict.fromkeys(("difference", "interval_95", "robust_difference", "vaf_mean", "behind"), str),
-    "t": "{:.2f}".format,
-    "spread": percent,
 }
 TITLES = {
     "subjects": "n", "freedom": "df", "p_holm": "p Holm", "effect_size": "d_z",
-    "interval_95": "95 % interval, Holm", "eta_squared": "partial eta²", "vaf_mean": "vaf",
+    "interval_95": "95 % interval", "eta_squared": "partial eta²", "vaf_mean": "vaf",
 }  # fmt: skip
-#: Columns for the page, for papers, and for the terminal.
+#: Columns for the page, and for papers and the terminal.
 TESTED = (
     *("method", "conditions", "model", "parameter", "unit", "subjects", "difference"),
     *("interval_95", "t", "freedom", "p", "p_holm", "effect_size", "robust_difference"),
     *("wilcoxon_p", "notes"),
 )
 PAPER = TESTED[:-3]
-BRIEF = tuple(name for name in PAPER if name != "interval_95")
 EFFECTS = (
     *("method", "parameter", "effect", "subjects", "F", "df1", "df2", "epsilon", "p_corrected"),
     "eta_squared",
@@ -79,7 +61,7 @@ PREDICTED = ("model", "method", "runs", "failed", "vaf_mean", "behind")
 
 
 def frame_table(frame: DataFrame, caption: str, columns: Sequence[str], heads: int) -> Table:
-    """A row of text for each row of a frame; p-values that are significant are marked.
+    """A row of text for each row of a frame.
 
     Parameters
     ----------
@@ -92,13 +74,8 @@ def frame_table(frame: DataFrame, caption: str, columns: Sequence[str], heads: i
     """
     titles = {name: TITLES.get(name, name.replace("_", " ")) for name in columns}
     forms = {titles[name]: form for name, form in FORMS.items() if name in titles}
-    marks = {
-        titles[name]: ["good" if p < LEVEL else "" for p in frame[name]]
-        for name in ("p_holm", "p_corrected")
-        if name in titles
-    }
     rows = frame[[*columns]].itertuples(index=False, name=None)
-    return table(rows, caption, [*titles.values()], forms, heads=heads, marks=marks)
+    return table(rows, caption, [*titles.values()], forms, heads=heads)
 
 
 def contrast_table(
@@ -114,7 +91,7 @@ def contrast_table(
         model=model + np.where(suits, "", " *"),
         conditions=frame["condition_a"] + (":" + frame["condition_b"]),
         difference=[*map(unsigned, frame["difference"], error)],
-        interval_95=[*map(_interval, frame["lower_holm_95"], frame["upper_holm_95"], error)],
+        interval_95=[*map(_interval, frame["lower_95"], frame["upper_95"], error)],
         robust_difference=[*map(to_error, frame["robust_difference"], error)],
     )
     return frame_table(frame, caption, [*results.strata, *columns], len(results.strata) + 4)
@@ -122,7 +99,7 @@ def contrast_table(
 
 def notable(frame: DataFrame) -> DataFrame:
     """Rows of parameters and loops, and of the signals' quantities that are shown first."""
-    return frame[(frame["method"] != MEASURED) | frame["parameter"].isin(HEADLINES)]
+    return frame[(frame["method"] != "measured") | frame["parameter"].isin(HEADLINES)]
 
 
 def notable_contrasts(results: Results) -> tuple[DataFrame, str]:
@@ -147,17 +124,17 @@ def means_tables(results: Results) -> Iterator[Table]:
     Means have the standard deviation between subjects in parentheses.
     """
     for title, rows in results.groups():
-        place = CONDITION if CONDITION in rows else "file"
-        who = rows.groupby(place)[SUBJECT if SUBJECT in rows else "file"].nunique()
+        who = rows.groupby("condition")["subject"].nunique()
         conditions = in_order(who.index)
         cells = []
         for (parameter, unit), of_quantity in rows.groupby(["parameter", "unit"], sort=False):
-            out = of_quantity[of_quantity[LEFT_OUT] != ""]
-            why = [place, *([SUBJECT] if SUBJECT in out else []), LEFT_OUT]
-            missing = "; ".join(map(" ".join, out[why].itertuples(index=False)))
-            means = (_cell(of_quantity[of_quantity[place] == c], int(who[c])) for c in conditions)
+            out = of_quantity.loc[
+                of_quantity["left_out"] != "", ["condition", "subject", "left_out"]
+            ]
+            missing = "; ".join(map(" ".join, out.itertuples(index=False)))
+            means = (_cell(of_quantity[of_quantity["condition"] == c], who[c]) for c in conditions)
             cells.append((parameter, unit, *means, missing))
-        models = rows.groupby(place)["model"].first()
+        models = rows.groupby("condition")["model"].first()
         if models.nunique() > 1:
             title += "; models: " + ", ".join(f"{c} `{models[c]}`" for c in conditions)
         heads = [f"{c or 'all'} (n = {who[c]})" for c in conditions]
@@ -167,7 +144,7 @@ def means_tables(results: Results) -> Iterator[Table]:
 
 def _cell(rows: DataFrame, subjects: int) -> str:
     """A mean with the standard deviation between subjects, or one value with its error."""
-    known = rows[rows[LEFT_OUT] == ""]
+    known = rows[rows["left_out"] == ""]
     if not len(known):
         return UNDETERMINED if len(rows) else NONE
     if subjects == 1:
@@ -212,16 +189,14 @@ def ranked(left: DataFrame) -> DataFrame:
 
 def left_out_table(results: Results) -> Table:
     """Models and methods by the runs that they predict, within each kind of recording."""
-    from pandas import concat
-
-    kinds = [n for n in (*results.strata, CONDITION) if n in results.fields] or ["file"]
+    kinds = [*results.strata, "condition"]
     frame = concat(
         ranked(rows).assign(**dict(zip(kinds, key, strict=True)))
         for key, rows in results.left_out.groupby(kinds, sort=False)
     )
     vaf = [*map(unsigned, frame["vaf_mean"], frame["vaf_error"])]
     frame = frame.assign(
-        vaf_mean=vaf, behind=[*map(plus_minus, frame["behind"], frame["behind_error"])]
+        vaf_mean=vaf, behind=[*map(unsigned, frame["behind"], frame["behind_error"])]
     )
     caption = "Runs predicted by the fit of the others, the likeliest first"
     return frame_table(frame, caption, [*kinds, *PREDICTED], len(kinds) + 2)
@@ -246,15 +221,17 @@ def tables_tex(results: Results, made_by: str = "") -> str:
     made_by
         The command that made them, for the comment at the head.
     """
-    tables = [*means_tables(results)]
-    if len(results.contrasts):
-        caption = "Paired differences b less a over subjects; p Holm for the pairs of conditions"
-        tables.append(contrast_table(results, results.contrasts, caption, PAPER))
-    if len(results.factors):
-        tables.append(effect_table(results))
+    caption = "Paired differences b less a over subjects; p Holm for the pairs of conditions"
+    differences = contrast_table(results, results.contrasts, caption, PAPER)
+    tables = filled(*means_tables(results), differences, effect_table(results))
     head = f"% Made by: {printable(made_by or 'pilotid.analyse')}\n"
     head += "% Needs \\usepackage{booktabs,longtable}.\n"
     return head + "".join(f"% {printable(t.caption)}\n{latex(t, symbol)}\n" for t in tables)
+
+
+def filled(*tables: Table) -> list[Table]:
+    """The tables that have a row."""
+    return [own for own in tables if own.rows]
 
 
 # ------------------------------------------------------------------------------- sentences
@@ -263,18 +240,16 @@ def tables_tex(results: Results, made_by: str = "") -> str:
 def alarms(results: Results) -> Iterator[str]:
     """How many remarks there are, each once a recording, and the first of each code not a note."""
     rows = results.quantities
-    said = rows.loc[rows["method"] != MEASURED, ["recording", "said"]].explode("said").dropna()
+    said = rows.loc[rows["method"] != "measured", ["recording", "said"]].explode("said").dropna()
     said = said.drop_duplicates()
     if len(said):
         yield f"Warnings: {counted_grades(said['said'])}."
-    grave: dict[str, list[Remark]] = {}
-    for remark in gravest_first(said["said"]):
-        if remark.grade != "note":
-            grave.setdefault(remark.code, []).append(remark)
-    for first, *others in grave.values():
-        place = said.loc[said["said"] == first, "recording"].iloc[0]
-        more = f", and {len(others)} more" if others else ""
-        yield f"{first.line(place + more)}."
+    grave = said[said["said"].map(lambda remark: remark.grade) != "note"]
+    codes = grave["said"].map(lambda remark: remark.code)
+    firsts = {own.iloc[0]["said"]: own["recording"] for _, own in grave.groupby(codes, sort=False)}
+    for first in gravest_first(firsts):
+        place, *others = firsts[first]
+        yield f"{first.line(place + (f', and {len(others)} more' if others else ''))}."
     if ignored := results.settings.ignored:
         yield f"Left out by --ignore: {', '.join(sorted(ignored))}."
 
@@ -292,7 +267,7 @@ def summary(results: Results) -> Iterator[str]:
             f"table has {len(first)} of parameters, loops, {', '.join(HEADLINES)}; `contrasts.csv` "
             "has all."
         )
-    shown = [rows[LEFT_OUT] != "" for _, rows in results.groups()]
+    shown = [rows["left_out"] != "" for _, rows in results.groups()]
     if out := sum(int(missing.sum()) for missing in shown):
         yield (
             f"{out} of {sum(map(len, shown))} estimates count in no mean, test or figure "
@@ -313,10 +288,8 @@ def choices(results: Results) -> Iterator[str]:
 def blocks(results: Results) -> Iterator[str | Table]:
     """What the terminal shows."""
     yield from choices(results)
-    if len(results.contrasts):
-        yield contrast_table(results, *notable_contrasts(results), BRIEF)
-    if len(results.factors):
-        yield effect_table(results)
+    yield from filled(contrast_table(results, *notable_contrasts(results), PAPER))
+    yield from filled(effect_table(results))
     yield from (*alarms(results), *not_compared(results))
 
 
@@ -337,23 +310,17 @@ def write_report(path: Path, results: Results, command: str) -> None:
     """
     drawings = [*figures(results)]
     save_figures(path.parent / FIGURES, drawings)
-    main, supplement = list[Table](), list[Table]()
-    if len(results.contrasts):
-        main.append(contrast_table(results, *notable_contrasts(results), TESTED))
-        caption = (
-            f"Subjects with whom {100 * POWER:.0f} % of paired tests at 5 % find a difference of "
-            f"{100 * SHARE:.0f} %, by the spread of the differences measured here [%]"
-        )
-        columns = [*results.strata, "method", "parameter", "spread", "subjects"]
-        supplement.append(frame_table(planned(results), caption, columns, len(columns) - 2))
-    if len(results.factors):
-        main.append(effect_table(results))
-    if len(results.left_out):
-        main.append(left_out_table(results))
-    if results.settings.fitting.sensitivity:
-        shifts = sensitivity(results)
-        forms = dict.fromkeys(shifts.select_dtypes(float), "{:.1f}".format)
-        supplement.append(table(shifts.to_numpy(), SHIFTS, [*shifts], forms))
+    caption = (
+        f"Subjects with whom {100 * POWER:.0f} % of paired tests at 5 % find a difference of "
+        f"{SHARE:.0f} %, by the spread of the differences measured here [%]"
+    )
+    columns = [*results.strata, "method", "parameter", "spread", "subjects"]
+    needed = frame_table(planned(results), caption, columns, len(columns) - 2)
+    main = [contrast_table(results, *notable_contrasts(results), TESTED), effect_table(results)]
+    main += [left_out_table(results)] if len(results.left_out) else []
+    shifts = sensitivity(results)
+    forms = dict.fromkeys(shifts.select_dtypes(float), "{:.1f}".format)
+    otherwise = table(shifts.to_numpy(), SHIFTS, [*shifts], forms)
     about = about_this(results.settings.fitting.seed)
     write_page(
         path,
@@ -362,10 +329,10 @@ def write_report(path: Path, results: Results, command: str) -> None:
         contents=[("summary", "Summary"), ("results", "Results"), ("supplement", "Supplement")],
         results=results,
         summary=[*summary(results)],
-        main=main,
+        main=filled(*main),
         figures=drawings,
         choices=[*choices(results)],
-        supplement=[*supplement, *means_tables(results), fit_table(results)],
+        supplement=filled(needed, otherwise, *means_tables(results), fit_table(results)),
         command=command,
         versions=[f"{k} {v}" for k, v in about.items() if k not in ("seed", "code")],
     )

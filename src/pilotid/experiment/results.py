@@ -2,7 +2,8 @@
 
 What is not determined does not count: an estimate at a bound, one whose interval spans more than a
 factor of ten, one of a fit that failed or is graded wrong, as where the lines of the forcing
-functions contradict it, and all of a recording that is graded wrong.  `LEFT_OUT` says why.
+functions contradict it, and all of a recording that is graded wrong.  The column
+``left_out`` says why, and is empty where a value counts.
 """
 
 from __future__ import annotations
@@ -11,25 +12,18 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from pandas import DataFrame
 
 from pilotid.estimate.method import Method
-from pilotid.experiment.files import CONDITION, SUBJECT, Part, in_order
+from pilotid.experiment.files import Part, in_order
 from pilotid.likelihood.choice import Candidate, Choice, choose_jointly, choose_model
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import Reading
 from pilotid.support.remarks import Remark
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-#: Kinds of quantities: of signals, which need no model; of loops, which mean the same in every
-#: model; and a model's parameters.
-MEASURED, LOOP, PARAMETER = KINDS = ("measured", "loop", "parameter")
-#: Why a value enters no mean, test or figure; empty if it does.
-LEFT_OUT = "left_out"
-LEFT_OUT_COLUMNS = ("run", "model", "method", "outcome", "vaf", "log_likelihood", "seconds")
 #: Recordings for which one model is chosen, or conditions that are compared.
 Group = tuple[str, ...]
 #: By stratum and conditions, the models in which these are compared, by condition, and whether
@@ -108,12 +102,10 @@ class Settings:
         """The pairs of conditions that are contrasted."""
         if self.pairs:
             return [pair for pair in self.pairs if set(pair) <= set(conditions)]
-        every = list(combinations(in_order(conditions), 2))
         if self.factors is None:
-            return every
-        levels = self.factors
-        known = [(a, b) for a, b in every if {a, b} <= {*levels.index}]
-        return [(a, b) for a, b in known if (levels.loc[a] != levels.loc[b]).sum() == 1]
+            return [*combinations(in_order(conditions), 2)]
+        known, levels = in_order({*conditions} & {*self.factors.index}), self.factors.T
+        return [(a, b) for a, b in combinations(known, 2) if (levels[a] != levels[b]).sum() == 1]
 
     def crossed(self, conditions: Sequence[str]) -> list[Group]:
         """All conditions that the factors cross, if they are among these."""
@@ -137,8 +129,9 @@ class Results:
         The models in which conditions are compared, see `Compared`.
     quantities
         A row for each quantity of each fit: file, the pattern's fields, `QUANTITY_COLUMNS`, the
-        controlled element, kind, `LEFT_OUT`, ``otherwise`` (the other way in which it was fitted),
-        ``chosen`` (whether the model is that of the recording's own table), the recording in words,
+        controlled element, kind (see `pilotid.experiment.comparisons.KINDS`), ``left_out``,
+        ``otherwise`` (the other way in which it was fitted), ``chosen`` (whether the model is that
+        of the recording's own table), the recording in words,
         its number of runs, the fit's VAF and all `Remark`s on recording and fit (``said``).
     models, left_out
         Rows of models.csv and of left_out.csv.
@@ -170,13 +163,13 @@ class Results:
     @property
     def strata(self) -> list[str]:
         """Those within whose values conditions are compared."""
-        return [name for name in self.fields if name not in (SUBJECT, CONDITION)]
+        return [name for name in self.fields if name not in ("subject", "condition")]
 
     @property
     def fits(self) -> DataFrame:
         """A row for each fit of all runs together."""
         fits = self.quantities
-        fits = fits[(fits["method"] != MEASURED) & (fits["otherwise"] == "") & fits["run"].isna()]
+        fits = fits[(fits["method"] != "measured") & (fits["otherwise"] == "") & fits["run"].isna()]
         return fits.drop_duplicates(["file", "model", "method"])
 
     def groups(self) -> Iterator[tuple[str, DataFrame]]:
@@ -191,24 +184,27 @@ class Results:
             yield ", ".join(filter(None, key)), rows
 
 
+def conditions_of(parts: Iterable[Part]) -> dict[Group, list[str]]:
+    """The conditions of each stratum."""
+    strata = dict[Group, dict[str, None]]()
+    for part in parts:
+        strata.setdefault(part.stratum, {})[part.condition] = None
+    return {stratum: [*conditions] for stratum, conditions in strata.items()}
+
+
 def choices_of(
     looks: Mapping[Part, Content], settings: Settings
 ) -> tuple[dict[Group, Choice], Compared]:
     """The model of each group of recordings, and those in which conditions are compared."""
     groups: dict[Group, list[list[Candidate]]] = {}
-    strata: dict[Group, dict[str, Group]] = {}
     for part, content in looks.items():
-        groups.setdefault(part.group, []).append(
-            [Candidate(**candidate) for candidate in content["candidates"]]
-        )
-        if SUBJECT in part.fields and part.condition:
-            strata.setdefault(part.stratum, {})[part.condition] = part.group
+        candidates = [Candidate(**candidate) for candidate in content["candidates"]]
+        groups.setdefault(part.group, []).append(candidates)
     choices = {group: choose_model(candidates) for group, candidates in groups.items()}
     compared = dict[tuple[Group, Group], tuple[Mapping[str, str], bool]]()
-    for stratum, conditions in strata.items() if settings.auto else ():
-        there = [*conditions]
+    for stratum, there in conditions_of(looks).items() if settings.auto else ():
         for some in (*settings.condition_pairs(there), *settings.crossed(there)):
-            those = {name: groups[conditions[name]] for name in some}
+            those = {condition: groups[*stratum, condition] for condition in some}
             models, suits = choose_jointly(those, settings.models)
             # Of many conditions a model that does not suit them all serves no test.
             compared[stratum, some] = (models if suits or len(some) == 2 else {}, suits)
@@ -224,52 +220,53 @@ def results_of(
     refused: Sequence[str],
 ) -> Results:
     """All frames: of looks at recordings, of fits, and of runs left out of them."""
-    from pandas import DataFrame
-
     quantities, predicted, models = list[Content](), list[Content](), list[Content]()
     responses = dict[Part, list[Content]]()
     for part, content in [*looks.items(), *fits]:
         seen, choice = looks[part], choices[part.group].model
         head = {"file": part.name, **part.fields}
-        for estimate in content["estimates"]:
-            if estimate["run"] is not None and not settings.fitting.per_run:
-                continue
-            said = _kept(settings, [*seen["remarks"], *estimate["remarks"]])
-            of_loops = _kept(settings, estimate["loop_remarks"])
-            chosen = not settings.auto or estimate["model"] in ("", choice)
-            place = {"recording": part.words, "runs": seen["runs"], "said": said, "chosen": chosen}
-            for row in estimate["quantities"]:
-                why = _why_left_out(settings, estimate, row, [*said, *of_loops])
-                about = of_loops if row["kind"] == LOOP else _kept(settings, estimate["remarks"])
-                words = " | ".join([*([f"not counted: {why}"] if why else []), *about])
-                quantities.append(
-                    {**head, **estimate, **place, **row, LEFT_OUT: why, "remarks": words}
-                )
+        of_part = {**head, "recording": part.words, "runs": seen["runs"]}
+        for row in content["rows"]:
+            if row["run"] is None or settings.fitting.per_run:
+                chosen = not settings.auto or row["model"] in ("", choice)
+                judged = _judged(settings, seen["remarks"], row)
+                quantities.append({**of_part, **row, **judged, "chosen": chosen})
         predicted += [{**head, **row} for row in content.get("left_out", ())]
         wrong = any(remark.grade == "wrong" for remark in _kept(settings, seen["remarks"]))
         if (coefficients := content.get("responses")) and (settings.keep_all or not wrong):
-            place_of = {"stratum": " ".join(part.stratum), CONDITION: part.condition}
-            responses.setdefault(part, [{**place_of, **row} for row in coefficients])
+            place = {"stratum": " ".join(part.stratum), "condition": part.condition}
+            responses.setdefault(part, [{**place, **row} for row in coefficients])
         for candidate in content.get("candidates", ()):
             taken = "yes" if candidate["model"] == choice else "no"
             models.append({**head, "model": "", "chosen": taken, **candidate})
-    frame = DataFrame(quantities).astype({"run": "Int64"}).drop(columns="quantities")
-    # Of a pilot who changes there is no loop, and nothing to show.
-    known = frame.groupby(["kind", "model", "parameter"])["value"].transform("count") > 0
-    columns = ["stratum", CONDITION, "channel", "omega", "real", "imag", "std"]
+    columns = ["stratum", "condition", "channel", "omega", "real", "imag", "std"]
     return Results(
         settings=settings,
         parts=[*looks],
         choices=choices,
         compared=compared,
-        quantities=frame[known | (frame["kind"] != LOOP)].reset_index(drop=True),
+        quantities=DataFrame(quantities).astype({"run": "Int64"}),
         models=_models_frame(DataFrame(models)),
-        left_out=DataFrame(predicted, columns=[*head, *LEFT_OUT_COLUMNS]),
+        left_out=DataFrame(predicted),
         responses=DataFrame([row for rows in responses.values() for row in rows], columns=columns),
         contrasts=DataFrame(),
         factors=DataFrame(),
         refused=refused,
     )
+
+
+def _judged(settings: Settings, of_recording: Iterable[Sequence[str]], row: Content) -> Content:
+    """What is said of a value and its recording, and why it does not count; empty if it does."""
+    said = _kept(settings, [*of_recording, *row["of_fit"]])
+    of_loops = _kept(settings, row["of_loops"])
+    unusable = [] if row["usable"] else [row["outcome"]]
+    wrong = [remark.code for remark in [*said, *of_loops] if remark.grade == "wrong"]
+    doubted = [] if settings.keep_all else [*wrong, row["left_out"]]
+    no_value = [] if math.isfinite(row["value"]) else ["no value"]
+    why = next(filter(None, [*unusable, *doubted, *no_value]), "")
+    about = of_loops if row["kind"] == "loop" else _kept(settings, row["of_fit"])
+    words = [f"not counted: {why}"] if why else []
+    return {"left_out": why, "said": said, "remarks": " | ".join([*words, *about])}
 
 
 def _kept(settings: Settings, remarks: Iterable[Sequence[str]]) -> list[Remark]:
@@ -278,23 +275,10 @@ def _kept(settings: Settings, remarks: Iterable[Sequence[str]]) -> list[Remark]:
     return [*dict.fromkeys(kept)]
 
 
-def _why_left_out(
-    settings: Settings, estimate: Content, row: Content, remarks: Iterable[Remark]
-) -> str:
-    """Why a value enters no mean, test or figure; empty if it does."""
-    if not estimate["usable"]:
-        return str(estimate["outcome"])
-    wrong = [remark.code for remark in remarks if remark.grade == "wrong"]
-    why = "" if settings.keep_all else next(iter(wrong), str(row[LEFT_OUT]))
-    return why or ("" if math.isfinite(row["value"]) else "no value")
-
-
 def _models_frame(frame: DataFrame) -> DataFrame:
     """Rows of models.csv, from those of candidates."""
     frame = frame.drop(columns=["no_delay", "determined", "varies"])
     frame["freedom"] = frame["freedom"].where(frame["freedom"] > 0).astype("Int64")
     of_runs = ["left_out_log_likelihood", "left_out_chi_squared"]
     frame[of_runs] = frame[of_runs].map(lambda runs: sum(runs) or math.nan)
-    excess = frame["chi_squared"] / frame["freedom"].astype(float)
-    frame.insert(frame.columns.get_loc("freedom") + 1, "chi_squared_per_freedom", excess)
     return frame.rename(columns={"bounds": "remarks"})
