@@ -75,7 +75,7 @@ def made(
     parts, levels = with_factors(parts, factors)
     models = {"single": MODELS["single"]}
     settings = Settings(
-        Fitting({}), models, ["single"], False, pairs=pairs, factors=levels, keep_all=keep_all
+        Fitting({}), models, ["single"], pairs=pairs, factors=levels, keep_all=keep_all
     )
     empty = {"rows": [], "candidates": [asdict(Candidate("single", 5))]}
     looks, fits = {}, []

@@ -92,7 +92,9 @@ def rows(method: str, likelihoods: list[float], vaf: float = 80.0) -> DataFrame:
 
 def test_every_run_is_predicted_by_the_others() -> None:
     recording = recording_of(replace(SINGLE_LOOP, runs=4))
-    (found,) = predict_left_out(recording, SINGLE_LOOP.model, {"mine": MLEWhite()}, 3, 1)
+    every = predict_left_out(recording, SINGLE_LOOP.model, {"mine": MLEWhite()}, 1)
+    assert [row["run"] for row in every] == [1, 2, 3, 4]
+    found = every[2]
     assert found["method"] == "mine"
     assert found["outcome"] == "converged"
     assert 40.0 < found["vaf"] < 100.0

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from pandas import DataFrame, Series
 from scipy.linalg import helmert
-from scipy.special import fdtrc
+from scipy.special import fdtrc, poch
 from scipy.stats import nct, t, ttest_rel, wilcoxon
 
 from pilotid.experiment.files import in_order
@@ -163,9 +163,8 @@ def paired(a: Series, b: Series) -> dict[str, Any]:
     if count < 2 or apart.std() <= ROUNDING * max(a.abs().max(), b.abs().max()):
         return numbers
     first, second = np.triu_indices(count)
-    test, half, hedges = ttest_rel(b, a), 0.5 * (count - 1), math.nan
-    if count > 2:
-        hedges = math.exp(math.lgamma(half) - math.lgamma(half - 0.5) - 0.5 * math.log(half))
+    test, half = ttest_rel(b, a), 0.5 * (count - 1)
+    hedges = poch(half - 0.5, 0.5) / math.sqrt(half) if count > 2 else math.nan
     lower, upper = test.confidence_interval()
     return numbers | {
         "t": test.statistic,

@@ -11,13 +11,7 @@ from pandas import DataFrame
 
 from pilotid.estimate.method import Method
 from pilotid.experiment.comparisons import compared
-from pilotid.experiment.files import (
-    QUANTITY_COLUMNS,
-    excluded_of,
-    pairs_of,
-    parts_of,
-    with_factors,
-)  # fmt: skip
+from pilotid.experiment.files import QUANTITY_COLUMNS, excluded_of, pairs_of, parts_of, with_factors
 from pilotid.experiment.fits import fit_recordings
 from pilotid.experiment.report import blocks, tables_tex, write_report
 from pilotid.experiment.results import Fitting, Results, Settings
@@ -133,7 +127,8 @@ def analyse(
     pattern
         What their names say, such as ``subj{subject}_{condition}``.
     models, methods
-        Objects, or what the command line takes for them; ``auto`` is the catalogue's best model.
+        Objects, or what the command line takes for them; ``auto`` alone is the catalogue's best
+        model.
     out
         Folder of what is done: the same call resumes there.
     contrasts
@@ -175,11 +170,11 @@ def analyse(
         If no file can be used, or an option does not fit them.
     """
     models, methods = _several(models), _several(methods)
-    given = [model_named(m) if isinstance(m, str) else m for m in models if m != AUTO]
-    named = {model.name: model for model in given}
-    auto, reading, folder = AUTO in models, reading or Reading(), Path(out)
+    named = [model_named(m) if isinstance(m, str) else m for m in models if m != AUTO]
+    if named and AUTO in models:
+        raise InputError("--model: is auto, or models by name, not both")
+    reading, folder = reading or Reading(), Path(out)
     known = [method_named(m) if isinstance(m, str) else m for m in methods]
-    among = {**MODELS, **named} if auto else named
     if reading.span:
         span_of(reading.span)
     parts, refused = parts_of([Path(file) for file in _several(files)], pattern or None)
@@ -197,9 +192,8 @@ def analyse(
             left_out=left_out,
             sensitivity=sensitivity,
         ),
-        models={m.name: m for m in with_held(among.values(), fix)},
-        named=[*named],
-        auto=auto,
+        models={m.name: m for m in with_held(named or MODELS.values(), fix)},
+        named=[model.name for model in named],
         pairs=pairs_of(_several(contrasts), {part.condition for part in parts}),
         factors=levels,
         keep_all=keep_all,

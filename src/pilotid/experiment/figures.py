@@ -92,7 +92,7 @@ def _panel(axes: Axes, rows: DataFrame, subjects: Sequence[str]) -> None:
         look = {"fmt": f"-{marker}", "color": colour, "linewidth": 0.5, "markersize": 3.0}
         look |= {"elinewidth": 0.9, "label": f"subject {subject}"}
         x = one["at"] + 0.48 * ((who + 0.5) / len(subjects) - 0.5)
-        axes.errorbar(*map(np.asarray, (x, one["value"], reach.T)), **look)
+        axes.errorbar(x.to_numpy(), one["value"].to_numpy(), reach.to_numpy().T, **look)
     means = rows.groupby("at")["value"].mean()
     ends = means.index - 0.36, means.index + 0.36
     axes.hlines(means, *ends, color=INK, linewidth=1.2, label="mean over subjects")
@@ -179,13 +179,10 @@ def _weighted(of: DataFrame) -> tuple[complex, float]:
     """Mean of coefficients weighted by their inverse variance, and half of its 95 % interval."""
     values = of["real"].to_numpy() + 1j * of["imag"].to_numpy()
     errors = of["std"].to_numpy() ** 2
-    count = len(values)
     middle = np.median(values.real) + 1j * np.median(values.imag)
     between = max(float(np.median(np.abs(values - middle) ** 2 - errors)), 0.0)
-    weights = 1.0 / (errors + between + 1e-300)
-    mean = complex(np.sum(weights * values) / weights.sum())
-    if count == 1:
-        return mean, 1.96 * math.sqrt(0.5 * float(errors[0]))
-    scatter = float(np.sum(weights * np.abs(values - mean) ** 2) / weights.sum()) / (count - 1)
-    claimed = 1.0 / float(weights.sum())
-    return mean, float(t.isf(0.025, count - 1) * math.sqrt(max(scatter, claimed) / 2.0))
+    weights, others = 1.0 / (errors + between + 1e-300), len(values) - 1
+    mean = complex(np.average(values, weights=weights))
+    scatter = float(np.average(np.abs(values - mean) ** 2, weights=weights)) / max(others, 1)
+    reach = float(t.isf(0.025, others)) if others else Z95
+    return mean, reach * math.sqrt(max(scatter, 1.0 / float(weights.sum())) / 2.0)

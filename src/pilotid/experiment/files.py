@@ -190,14 +190,14 @@ def excluded_of(parts: Sequence[Part], texts: Sequence[str]) -> tuple[list[Part]
 
 
 def pairs_of(texts: Sequence[str], conditions: Collection[str]) -> list[tuple[str, str]]:
-    """The pairs of conditions in texts such as ``C3:C6,C2:C5``."""
+    """The pairs of conditions in texts such as ``C3:C6``."""
     pairs = []
-    for text in ",".join(texts).split(",") if texts else ():
+    for text in texts:
         first, _, second = (part.strip() for part in text.partition(":"))
-        if first == second or not {first, second} <= {*filter(None, conditions)}:
+        if first == second or not {first, second} <= {*conditions}:
             raise InputError(
                 f"--contrast {text}: must be two conditions of {{condition}} in the pattern, as in "
-                f"C3:C6; there are {', '.join(in_order(filter(None, conditions))) or 'none'}"
+                f"C3:C6; there are {', '.join(in_order(conditions)) or 'none'}"
             )
         pairs.append((first, second))
     return pairs
@@ -243,7 +243,7 @@ def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], D
         raise InputError(
             "--factors: a factor must have two levels or more, and each combination of levels "
             "must be that of one condition; add a factor, or name all conditions of the files "
-            f"({', '.join(filter(None, there)) or 'none'}), and no other {unknown or ''}"
+            f"({', '.join(there) or 'none'}), and no other {unknown or ''}"
         )
     # Every cell of the crossing in its place: levels of the first factor change last.
     return [*parts], levels.sort_values([*levels], key=lambda column: factorize(column)[0])

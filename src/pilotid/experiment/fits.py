@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
-from itertools import zip_longest
+from itertools import product, zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,8 +47,8 @@ from pilotid.support.types import FloatArray, InputError, IntArray, one_line, re
 
 # ------------------------------------------------------------------------------------- performance
 
-#: What variances are made of, and the signal that has each.
-SOURCES = {"target": "ft", "disturbance": "fd"}
+#: What variances are made of, by the signal that has it.
+SOURCES = {"ft": "target", "fd": "disturbance"}
 #: Runs of which each can be set against the mean of others.
 ENOUGH = 3
 #: Ratio of signals of two subjects that is one of units; degrees are 57 of radians.
@@ -71,15 +71,13 @@ def performance(recording: Recording) -> dict[str, tuple[str, FloatArray]]:
         square = f"({unit})^2" if "/" in unit else f"{unit}^2" * bool(unit)
         quantities[f"var_{name}"] = square, total
         quantities[f"rms_{name}"] = unit, np.sqrt(np.mean(window**2, axis=1))
-        if not lines:
-            continue
-        for source, forcing in SOURCES.items():
-            if forcing in lines:
-                answer = _answer(recording, signal, forcing, lines[forcing], every)
-                quantities[f"var_{name}_{source}"] = square, answer
-                rest = rest - answer
-        quantities[f"var_{name}_remnant"] = square, rest
-        if name == "u":
+        for forcing, own in lines.items():
+            answer = _answer(recording, signal, forcing, own, every)
+            quantities[f"var_{name}_{SOURCES[forcing]}"] = square, answer
+            rest = rest - answer
+        if lines:
+            quantities[f"var_{name}_remnant"] = square, rest
+        if lines and name == "u":
             quantities["remnant_share_u"] = "", rest / total
     return quantities
 
@@ -91,19 +89,9 @@ def measured(recording: Recording) -> list[Content]:
     runs, mean = recording.runs, np.mean(values, axis=1)
     error = np.std(values, axis=1, ddof=1) / math.sqrt(runs) if runs > 1 else np.nan * mean
     reach = stdtrit(max(runs - 1, 1), 1.0 - 0.5 * LEVEL) * error
-    rows = DataFrame(
-        {
-            **{
-                "kind": "measured",
-                "model": "",
-                "element": "",
-                "method": "measured",
-                "otherwise": "",
-            },
-            **{"outcome": "measured", "usable": True, "vaf": math.nan, "parameter": [*known]},
-            **{"unit": units, "determined": True, "left_out": ""},
-        }
-    )
+    rows = DataFrame({"parameter": [*known], "unit": units, "determined": True, "left_out": ""})
+    rows = rows.assign(kind="measured", model="", method="measured", otherwise="")
+    rows = rows.assign(outcome="measured", usable=True, element="", vaf=math.nan)
     whole = rows.assign(value=mean, std_error=error, lower_95=mean - reach, upper_95=mean + reach)
     single = [rows.assign(value=value) for value in zip(*values, strict=True)] if runs > 1 else []
     return [
@@ -213,13 +201,13 @@ def given_up(task: Task, loss: Loss, why: str) -> Answer:
 
 
 def look(
-    part: Part, models: Mapping[str, PilotModel], named: Sequence[str], auto: bool, how: Fitting
+    part: Part, models: Mapping[str, PilotModel], named: Sequence[str], how: Fitting
 ) -> Content:
     """What a recording shows, what is wrong with it, and what it says for each model."""
     recording = part.recording(how.reading)
     chosen = chosen_element(recording, how.element)
-    candidates = [model.name for model in default_candidates(recording)] if auto else []
-    tried = [models[name] for name in dict.fromkeys([*candidates, *named])]
+    names = named or [model.name for model in default_candidates(recording)]
+    tried = [models[name] for name in names]
     shared = filter(None, [lines_shared(recording)])
     return {
         "runs": recording.runs,
@@ -235,10 +223,10 @@ def look(
 def fit(part: Part, model: PilotModel, how: Fitting) -> Content:
     """Fits of a model to a recording, and if so asked to its runs, and in other ways."""
     recording, methods = part.recording(how.reading), dict(how.methods)
-    runs = range(1, recording.runs + 1) if recording.runs > 1 else range(0)
     ways: list[tuple[str, int | None, Recording, dict[str, Method]]]
     ways = [("", None, recording, methods)]
-    if how.per_run:
+    if how.per_run and recording.runs > 1:
+        runs = range(1, recording.runs + 1)
         ways += [("", run, of_runs(recording, [run], f"run {run}"), methods) for run in runs]
     for name, reading, able in variants(how, recording.duration) if how.sensitivity else ():
         with suppress(InputError):  # half of the recording may be too short
@@ -248,11 +236,7 @@ def fit(part: Part, model: PilotModel, how: Fitting) -> Content:
         fitted = fit_all(some, model, able, how.seed, chosen_element(some, how.element))
         for estimate, loops in zip_longest(fitted.estimates, fitted.loops):
             rows += [{"otherwise": name, "run": run, **row} for row in _rows(estimate, loops)]
-    predicted = [
-        row
-        for run in (runs if how.left_out else ())
-        for row in predict_left_out(recording, model, methods, run, how.seed)
-    ]
+    predicted = predict_left_out(recording, model, methods, how.seed) if how.left_out else []
     return {"rows": rows, "left_out": predicted, "responses": _responses(recording, model)}
 
 
@@ -296,9 +280,9 @@ def _rows(estimate: Estimate, loops: Loops | None) -> list[Content]:
 
 
 def predict_left_out(
-    recording: Recording, model: PilotModel, methods: Mapping[str, Method], run: int, seed: int
+    recording: Recording, model: PilotModel, methods: Mapping[str, Method], seed: int
 ) -> list[Content]:
-    """How well fits of all other runs predict one, by each method: rows of left_out.csv.
+    """How well fits of all other runs predict each, by each method: rows of left_out.csv.
 
     No truth is known of people; what can be held against an estimate is a run that it has not
     seen.  The likelihood is that of the whole control, which in a closed loop the inverse of the
@@ -307,17 +291,14 @@ def predict_left_out(
     Parameters
     ----------
     recording
-        A recording of two runs at least.
+        The recording; of one run there is nothing to predict.
     model, methods, seed
         What is fitted, methods by their labels.
-    run
-        The run that is left out, from 1.
     """
-    every = range(1, recording.runs + 1)
-    others = of_runs(recording, [other for other in every if other != run], f"without run {run}")
-    left = of_runs(recording, [run], f"run {run}")
-    rows = []
-    for label, method in methods.items():
+    rows, every = list[Content](), range(1, recording.runs + 1) if recording.runs > 1 else ()
+    for run, (label, method) in product(every, methods.items()):
+        others = of_runs(recording, [own for own in every if own != run], f"without run {run}")
+        left = of_runs(recording, [run], f"run {run}")
         estimate = identify(method, others, model, fit_rng(seed, label))
         score = estimate.score(left, others) if estimate.outcome.usable else None
         vaf, likelihood = (score.vaf, score.log_score) if score else (math.nan, math.nan)
@@ -376,7 +357,7 @@ def fit_recordings(
     """
     refused, whole = [*refused], settings.fitting
     pooled = replace(whole, per_run=False, left_out=False, sensitivity=False)
-    asked = (settings.models, settings.named, settings.auto, replace(pooled, methods={}))
+    asked = (settings.models, settings.named, replace(pooled, methods={}))
     with Rows(folder, create=True) as store:
         tasks = [_task(look, part, *asked) for part in parts]
         looks = dict(_contents(store, tasks, "looking at recordings", workers, refused))

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from pandas import DataFrame, concat
+from pandas import DataFrame
 
 from pilotid.estimate.quantities import UNDETERMINED, symbol
 from pilotid.experiment.comparisons import POWER, SHARE, not_compared, planned, sensitivity
@@ -190,10 +190,8 @@ def ranked(left: DataFrame) -> DataFrame:
 def left_out_table(results: Results) -> Table:
     """Models and methods by the runs that they predict, within each kind of recording."""
     kinds = [*results.strata, "condition"]
-    frame = concat(
-        ranked(rows).assign(**dict(zip(kinds, key, strict=True)))
-        for key, rows in results.left_out.groupby(kinds, sort=False)
-    )
+    left = results.left_out.groupby(kinds, sort=False)
+    frame = left.apply(ranked, include_groups=False).reset_index(kinds)
     vaf = [*map(unsigned, frame["vaf_mean"], frame["vaf_error"])]
     frame = frame.assign(
         vaf_mean=vaf, behind=[*map(unsigned, frame["behind"], frame["behind_error"])]
@@ -281,7 +279,7 @@ def summary(results: Results) -> Iterator[str]:
 def choices(results: Results) -> Iterator[str]:
     """Why each model was chosen."""
     for group, choice in results.choices.items():
-        if choice.reason and (results.settings.auto or len(results.settings.named) > 1):
+        if choice.reason:
             yield f"**{' '.join(group)}** {choice.reason}"
 
 

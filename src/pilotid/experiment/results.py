@@ -73,9 +73,8 @@ class Settings:
     models
         All models that may be fitted, by name.
     named
-        Names of those that the user named.
-    auto
-        Whether the catalogue's sensible models compete with them, and the best is fitted.
+        Names of those that the user named; if none, the catalogue's sensible models compete, and
+        the best is fitted.
     pairs
         What the user contrasts; conditions that differ in one factor if nothing.
     factors
@@ -91,12 +90,16 @@ class Settings:
     fitting: Fitting
     models: Mapping[str, PilotModel]
     named: Sequence[str]
-    auto: bool
     pairs: Sequence[tuple[str, str]] = ()
     factors: DataFrame | None = None
     keep_all: bool = False
     excluded: Sequence[Part] = ()
     ignored: frozenset[str] = frozenset()
+
+    @property
+    def auto(self) -> bool:
+        """Whether models are chosen."""
+        return not self.named
 
     def condition_pairs(self, conditions: Sequence[str]) -> list[tuple[str, str]]:
         """The pairs of conditions that are contrasted."""
