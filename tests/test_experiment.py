@@ -239,7 +239,6 @@ def test_factors_are_fields_of_the_pattern() -> None:
         for s, m, d in product("12", ("off", "on"), "ab")
     ]
     parts, levels = with_factors(files, "motion,d")
-    assert levels is not None
     assert {part.condition for part in parts} == {"off, a", "off, b", "on, a", "on, b"}
     assert levels.loc["on, a"].to_dict() == {"motion": "on", "d": "a"}
 

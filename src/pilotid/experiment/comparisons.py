@@ -221,13 +221,12 @@ def subjects_needed(effect: float) -> int | None:
 def effects(results: Results) -> DataFrame:
     """Effects of the factors on each quantity, of parameters in models that suit all conditions."""
     factors, rows = results.settings.factors, list[dict[str, Any]]()
-    names, shape = ([], []) if factors is None else ([*factors], [*factors.nunique()])
     for head, models, of in cells_of(results, results.settings.crossed):
         whole, notes = _subjects(of, [*models])
-        values = whole.to_numpy().reshape(-1, *shape)
-        tests = anova(values, names) if 2 * len(whole) > of["subject"].nunique() else {}
+        values = whole.to_numpy().reshape(-1, *factors.nunique())
+        tests = anova(values, [*factors]) if 2 * len(whole) > of["subject"].nunique() else {}
         if not tests:
-            tests, notes = {":".join(names): {}}, f"not tested: {notes}"
+            tests, notes = {":".join(factors): {}}, f"not tested: {notes}"
         more = {"subjects": len(whole), "notes": notes}
         rows += [{**head, "effect": effect, **more, **test} for effect, test in tests.items()]
     return DataFrame(rows, columns=[*results.strata, *FACTOR_COLUMNS])

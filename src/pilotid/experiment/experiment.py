@@ -59,8 +59,7 @@ class Experiment(Results):
         if table not in TABLES:
             raise InputError(f"{table}: is no table of an analysis; there are {', '.join(TABLES)}")
         if table not in ("estimates", "loops"):
-            frame: DataFrame = getattr(self, table)
-            return frame
+            return getattr(self, table)
         rows = self.quantities
         rows = rows[(rows["otherwise"] == "") & ((rows["kind"] == "loop") == (table == "loops"))]
         columns = ["file", *self.fields, *QUANTITY_COLUMNS]

@@ -213,7 +213,7 @@ def _natural(text: str) -> tuple[str, str]:
     return re.sub(r"\d+", lambda digits: digits[0].zfill(20), text), text
 
 
-def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], DataFrame | None]:
+def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], DataFrame]:
     """Recordings with a condition each, and the level of each factor (columns) by condition.
 
     Parameters
@@ -230,7 +230,7 @@ def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], D
         If it is neither, or the conditions are no full crossing.
     """
     if text is None:
-        return [*parts], None
+        return [*parts], DataFrame()
     names = [name.strip() for name in text.split(",")]
     if all(name in part.fields for part in parts for name in names):
         parts, levels = _by_fields(parts, names)
@@ -251,14 +251,11 @@ def with_factors(parts: Sequence[Part], text: str | None) -> tuple[list[Part], D
 
 def _by_fields(parts: Sequence[Part], names: Sequence[str]) -> tuple[list[Part], DataFrame]:
     """Factors that are fields of the pattern: conditions named by their levels."""
-    levels = DataFrame([part.fields for part in parts])[[*names]]
+    fields = DataFrame([part.fields for part in parts])
+    levels = fields[[*names]]
     levels.index = levels.agg(", ".join, axis=1)
-    renamed = [
-        Part(
-            part.files, {**{n: v for n, v in part.fields.items() if n not in names}, "condition": c}
-        )
-        for part, c in zip(parts, levels.index, strict=True)
-    ]
+    others = fields.drop(columns=[*names]).assign(condition=levels.index).to_dict("records")
+    renamed = [Part(part.files, own) for part, own in zip(parts, others, strict=True)]
     return renamed, levels.drop_duplicates().loc[in_order(levels.index)]
 
 

@@ -78,7 +78,7 @@ class Settings:
     pairs
         What the user contrasts; conditions that differ in one factor if nothing.
     factors
-        Level of each factor (columns) by condition; None for no factors.
+        Level of each factor (columns) by condition; empty for no factors.
     keep_all
         Whether estimates that are not determined, or wrong, count as well.
     excluded
@@ -91,7 +91,7 @@ class Settings:
     models: Mapping[str, PilotModel]
     named: Sequence[str]
     pairs: Sequence[tuple[str, str]] = ()
-    factors: DataFrame | None = None
+    factors: DataFrame = field(default_factory=DataFrame)
     keep_all: bool = False
     excluded: Sequence[Part] = ()
     ignored: frozenset[str] = frozenset()
@@ -105,14 +105,14 @@ class Settings:
         """The pairs of conditions that are contrasted."""
         if self.pairs:
             return [pair for pair in self.pairs if set(pair) <= set(conditions)]
-        if self.factors is None:
+        if self.factors.empty:
             return [*combinations(in_order(conditions), 2)]
         known, levels = in_order({*conditions} & {*self.factors.index}), self.factors.T
         return [(a, b) for a, b in combinations(known, 2) if (levels[a] != levels[b]).sum() == 1]
 
     def crossed(self, conditions: Sequence[str]) -> list[Group]:
         """All conditions that the factors cross, if they are among these."""
-        every = () if self.factors is None else tuple(self.factors.index)
+        every = tuple(self.factors.index)
         return [every] if every and {*every} <= {*conditions} else []
 
 
