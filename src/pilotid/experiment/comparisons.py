@@ -62,9 +62,9 @@ def cells_of(
 
     Yields
     ------
-    The stratum's fields, method, parameter and unit; the model by condition; and a row for each
-    subject and condition with ``value``, the mean over recordings if there are more, NaN where
-    none counts, and why it does not.
+    The stratum's fields, method, parameter, unit, and whether the models suit the conditions; the
+    model by condition; and a row for each subject and condition with ``value``, the mean over
+    recordings if there are more, NaN where none counts, and why it does not.
     """
     rows = results.quantities
     rows = rows[rows["run"].isna() & (rows["otherwise"] == "")]
@@ -75,24 +75,26 @@ def cells_of(
     means = known.agg(value=("value", "mean"), left_out=("left_out", "max")).reset_index()
     for stratum, there in conditions_of(results.parts).items():
         for kind, conditions in product(KINDS, sets(there)):
-            for models in _models(results, kind, stratum, conditions):
+            for models, suits in _models(results, kind, stratum, conditions):
                 asked = DataFrame([(*stratum, kind, *own) for own in models.items()], columns=place)
                 for _, of in asked.merge(means).groupby(QUANTITY, sort=False):
                     # Not all models have all parameters.
                     if of["condition"].nunique() == len(conditions):
-                        yield of.iloc[0][[*results.strata, *QUANTITY]].to_dict(), models, of
+                        head = of.iloc[0][[*results.strata, *QUANTITY]].to_dict()
+                        yield {**head, "model_suits": suits}, models, of
 
 
-def _models(results: Results, kind: str, stratum: Group, some: Group) -> list[Mapping[str, str]]:
-    """The models in which conditions are compared, by condition."""
+def _models(
+    results: Results, kind: str, stratum: Group, some: Group
+) -> list[tuple[Mapping[str, str], bool]]:
+    """The models in which conditions are compared, by condition, and whether they suit these."""
     if kind == "measured":
-        return [dict.fromkeys(some, "")]
+        return [(dict.fromkeys(some, ""), True)]
     if not results.settings.auto:
-        return [dict.fromkeys(some, name) for name in results.settings.named]
+        return [(dict.fromkeys(some, name), True) for name in results.settings.named]
     if kind == "loop":  # crossover and margin mean the same in any model
-        return [{c: results.choices[(*stratum, c)].model for c in some}]
-    models, _ = results.compared[stratum, some]
-    return [models] if models else []
+        return [({c: results.choices[(*stratum, c)].model for c in some}, True)]
+    return [results.compared[stratum, some]]
 
 
 def _subjects(of: DataFrame, conditions: Sequence[str]) -> tuple[DataFrame, str]:
@@ -128,10 +130,7 @@ def contrasts(results: Results) -> DataFrame:
         if "t" not in numbers:
             none = "no test: it takes two subjects, and differences that scatter"
             notes = " | ".join(filter(None, [notes, none]))
-        stratum = tuple(head[name] for name in names)
-        _, suits = results.compared.get((stratum, (a, b)), (None, True))
-        suits = suits or of["kind"].iloc[0] != "parameter"
-        rows.append(head | numbers | {"notes": notes, "model_suits": suits})
+        rows.append(head | numbers | {"notes": notes})
     frame = DataFrame(rows, columns=[*names, *CONTRAST_COLUMNS])
     ends = frame[[*names, *CONTRAST_COLUMNS[:6], "mean_a", "mean_b"]].round(9)
     loops = ends["parameter"].str.replace("^(target|disturbance)_", "", regex=True)
@@ -275,17 +274,17 @@ def anova(values: FloatArray, names: Sequence[str]) -> dict[str, dict[str, float
 
 
 def not_compared(results: Results) -> Iterator[str]:
-    """Which conditions have no parameters in common, and which have a model that does not suit."""
-    for (stratum, conditions), (models, suits) in results.compared.items():
-        words = " ".join((*stratum, ":".join(conditions)))
-        if not models:
-            yield (
-                f"{words}: no model is determined in all these conditions; what means the same in "
-                "every model is compared, parameters are not."
-            )
-        elif not suits:
-            names = ", ".join(dict.fromkeys(models.values()))
-            yield f"{words}: {names} describes one condition clearly worse than its own model does."
+    """Which conditions have no model in which their parameters are compared, if there are any."""
+    without = [
+        " ".join((*stratum, ":".join(conditions)))
+        for (stratum, conditions), (models, _) in results.compared.items()
+        if not models
+    ]
+    if without:
+        yield (
+            f"{', '.join(without)}: no model is determined in all these conditions and suits them; "
+            "what means the same in every model is compared, parameters are not."
+        )
 
 
 # ------------------------------------------------------------------------------ sensitivity

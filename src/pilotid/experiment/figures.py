@@ -17,7 +17,6 @@ from pilotid.plots.page import Figure
 from pilotid.plots.responses import Bode
 from pilotid.plots.style import INK, draw_grid, journal_figure, with_unit
 from pilotid.support.numbers import Z95
-from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -124,21 +123,15 @@ def variances_figure(rows: DataFrame) -> Drawing:
                 parts = table.loc[f"var_{name}_{part}"].reindex(conditions)
                 axes.bar(conditions, parts["mean"], 0.7, bottom=top, color=colour, label=part)
                 top = top + parts["mean"].to_numpy()
-                look: dict[str, Any]
-                look = {"fmt": "none", "ecolor": INK, "elinewidth": 0.7, "capsize": 1.5}
-                axes.errorbar(conditions, top, _reach(parts), **look)
+                # Of one subject there is none.
+                reach = np.nan_to_num(t.isf(0.025, parts["count"] - 1) * parts["sem"].to_numpy())
+                axes.errorbar(conditions, top, reach, fmt="none", ecolor=INK, elinewidth=0.7)
             unit = rows.loc[rows["parameter"] == f"var_{name}", "unit"].iloc[0]
             title = with_unit(symbol(f"var_{name}"), unit_words(unit) or f"{name}²")
             axes.set_title(title, loc="left")
             draw_grid(axes, "y")
         _legend(figure, *panels[0].get_legend_handles_labels())
     return figure
-
-
-def _reach(means: DataFrame) -> FloatArray:
-    """Half of the 95 % interval of each mean; 0 of a single one."""
-    freedom = np.maximum(means["count"].fillna(0.0) - 1.0, 1.0)
-    return np.asarray(np.nan_to_num(t.isf(0.025, freedom) * means["sem"].to_numpy()))
 
 
 def responses_figure(responses: DataFrame) -> Drawing:
