@@ -132,9 +132,9 @@ def contrasts(results: Results) -> DataFrame:
             notes = " | ".join(filter(None, [notes, none]))
         rows.append(head | numbers | {"notes": notes})
     frame = DataFrame(rows, columns=[*names, *CONTRAST_COLUMNS])
-    ends = frame[[*names, *CONTRAST_COLUMNS[:6], "mean_a", "mean_b"]].round(9)
-    loops = ends["parameter"].str.replace("^(target|disturbance)_", "", regex=True)
-    frame = frame[~ends.assign(parameter=loops).duplicated()]
+    loops = frame["parameter"].str.replace("^(target|disturbance)_", "", regex=True)
+    same = [*names, *CONTRAST_COLUMNS[:6], "mean_a", "mean_b"]
+    frame = frame[~frame.assign(parameter=loops).round(9).duplicated(same)]
     quantity = [*names, *QUANTITY, *([] if results.settings.auto else ["model_a"])]
     order = frame.groupby(quantity, sort=False).ngroup()
     frame = frame.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)

@@ -373,15 +373,11 @@ def fit_recordings(
         tasks = []
         for part in looks:
             chosen = [choices[part.group].model] if settings.auto else settings.named
-            pairs = [
-                models[part.condition]
-                for (stratum, _), (models, _) in compared.items()
-                if stratum == part.stratum and part.condition in models
-            ]
-            tasks += [
-                _task(fit, part, settings.models[name], whole if name in chosen else pooled)
-                for name in dict.fromkeys([*chosen, *pairs])
-            ]
+            sets = [of for (stratum, _), (of, _) in compared.items() if stratum == part.stratum]
+            pairs = [of[part.condition] for of in sets if part.condition in of]
+            for name in dict.fromkeys([*chosen, *pairs]):
+                how = whole if name in chosen else pooled
+                tasks.append(_task(fit, part, settings.models[name], how))
         fits = [*_contents(store, tasks, "fitting", workers, refused)]
     return results_of(settings, looks, choices, compared, fits, refused)
 

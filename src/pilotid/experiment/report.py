@@ -128,10 +128,8 @@ def means_tables(results: Results) -> Iterator[Table]:
         conditions = in_order(who.index)
         cells = []
         for (parameter, unit), of_quantity in rows.groupby(["parameter", "unit"], sort=False):
-            out = of_quantity.loc[
-                of_quantity["left_out"] != "", ["condition", "subject", "left_out"]
-            ]
-            missing = "; ".join(map(" ".join, out.itertuples(index=False)))
+            out = of_quantity[of_quantity["left_out"] != ""]
+            missing = "; ".join(out["condition"] + " " + out["subject"] + " " + out["left_out"])
             means = (_cell(of_quantity[of_quantity["condition"] == c], who[c]) for c in conditions)
             cells.append((parameter, unit, *means, missing))
         models = rows.groupby("condition")["model"].first()
@@ -192,10 +190,8 @@ def left_out_table(results: Results) -> Table:
     kinds = [*results.strata, "condition"]
     left = results.left_out.groupby(kinds, sort=False)
     frame = left.apply(ranked, include_groups=False).reset_index(kinds)
-    vaf = [*map(unsigned, frame["vaf_mean"], frame["vaf_error"])]
-    frame = frame.assign(
-        vaf_mean=vaf, behind=[*map(unsigned, frame["behind"], frame["behind_error"])]
-    )
+    frame = frame.assign(vaf_mean=[*map(unsigned, frame["vaf_mean"], frame["vaf_error"])])
+    frame = frame.assign(behind=[*map(unsigned, frame["behind"], frame["behind_error"])])
     caption = "Runs predicted by the fit of the others, the likeliest first"
     return frame_table(frame, caption, [*kinds, *PREDICTED], len(kinds) + 2)
 
