@@ -61,8 +61,9 @@ def read_arrays(path: Path, source: str, part: str) -> Content:
     from pilotid.recording.sidecar import parsed, read_sidecar
 
     try:
-        variables = dict(_named(_content(path), ""))
-        facts = _facts(variables)
+        content = _content(path)
+        facts = json.dumps(content.pop(NOTES, {}), default=_plain)
+        variables = dict(_named(content, ""))
     except Exception as error:  # what is damaged, or too large, fails in any way whatsoever
         what = shown(f"{type(error).__name__}: {error}")[1:-1]
         raise InputError(
@@ -85,17 +86,13 @@ def read_arrays(path: Path, source: str, part: str) -> Content:
     return Content("variable", source, families, notes, arrays, part)
 
 
-def _facts(variables: dict[str, Any]) -> str:
-    """The notes as JSON; they are taken out of the variables."""
-    facts: dict[str, Any] = {}
-    for name in [name for name in variables if name.partition(".")[0] == NOTES]:
-        *keys, last = name.split(".")[1:] or ["it is no struct"]
-        place = facts
-        for key in keys:
-            place = place.setdefault(key, {})
-        place[last] = variables.pop(name)
-    # An array is all that JSON does not know; an empty text is one.
-    return json.dumps(facts, default=lambda a: a.tolist() if a.size or a.dtype.kind != "U" else "")
+def _plain(value: Any) -> Any:
+    """A struct of scipy's as a dictionary, an array as a number, a text or a list."""
+    if hasattr(value, "_fieldnames"):
+        return {field: getattr(value, field) for field in value._fieldnames}
+    if not value.size and value.dtype.kind == "U":  # what scipy makes of an empty text
+        return ""
+    return value.ravel(order="F").tolist() if value.ndim else value.item()
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -118,12 +115,11 @@ def _content(path: Path) -> dict[str, Any]:
 
 def _named(value: Any, name: str) -> Iterator[tuple[str, Any]]:
     """The variables in one; in arrays of structs and cells by names such as ``data{2}.u``."""
-    if hasattr(value, "_fieldnames"):  # of scipy
-        value = {field: getattr(value, field) for field in value._fieldnames}
+    is_cell = isinstance(value, np.ndarray) and value.dtype.kind == "O"
+    if is_cell or hasattr(value, "_fieldnames"):
+        value = _plain(value)
     elif type(value).__name__ == "MatlabOpaque":
         name, value = value.ravel()[0]["s0"].decode(errors="replace"), OBJECT
-    elif isinstance(value, np.ndarray) and value.dtype.kind == "O":
-        value = value.ravel(order="F").tolist()
     if isinstance(value, dict):
         for key, inside in value.items():
             yield from _named(inside, f"{name}.{key}".removeprefix("."))

@@ -24,7 +24,7 @@ from pilotid.recording.windows import (
     span_of,
     whole_periods,
 )
-from pilotid.support.disk import path_shown, require_file, write_file
+from pilotid.support.disk import path_shown, require_file, table_bytes, write_file
 from pilotid.support.types import InputError
 
 TEXTS = (".csv", ".txt", ".tsv", ".dat")
@@ -134,11 +134,11 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     elif suffix == ".npz":
         np.savez_compressed(stream, t=recording.time, **columns)
     else:
-        cells = [["t", *(f"{t:.12g}" for t in recording.time.tolist())]]
+        cells = {"t": [f"{t:.12g}" for t in recording.time.tolist()]}
         for name, runs in columns.items():
-            for run, samples in enumerate(runs.T.tolist(), start=1):  # repr restores every bit
-                cells.append([f"{name}_{run}" if runs.shape[1] > 1 else name, *map(repr, samples)])
-        stream.writelines(f"{','.join(row)}\n".encode() for row in zip(*cells, strict=True))
+            for run, samples in enumerate(runs.T.tolist(), start=1):
+                cells[f"{name}_{run}" if runs.shape[1] > 1 else name] = samples
+        stream.write(table_bytes([*cells], zip(*cells.values(), strict=True)))
     write_file(file, stream.getvalue())
     if suffix != ".mat":
         text = json.dumps(notes, indent=2, ensure_ascii=False)
@@ -199,21 +199,17 @@ class Reading:
         One bad file of several does not cost the others; where none is good, or all are runs of
         one recording, there is nothing to go on with.
         """
+        if joint and len(files) > 1:
+            whole = joined(replace(self, runs="").one(file) for file in files)
+            return [chosen_runs(whole, self.runs) if self.runs else whole], []
         recordings, refused = list[Recording](), list[str]()
-        together = joint and len(files) > 1
-        each = replace(self, runs="") if together else self
         for file in files:
             try:
-                recordings.append(each.one(file))
+                recordings.append(self.one(file))
             except InputError as error:
-                if joint:
-                    raise
                 refused.append(str(error))
         if not recordings:
             raise InputError("; ".join(refused))
-        if together:
-            whole = joined(recordings)
-            recordings = [chosen_runs(whole, self.runs) if self.runs else whole]
         return recordings, refused
 
 
@@ -223,12 +219,8 @@ def detrended(recording: Recording) -> Recording:
     The line is that of least squares over the measurement window.  It takes with it what the
     pilot himself did so slowly; `Recording.treatment` tells of it.
     """
-    time = recording.time
-    inside = time[recording.run_in :]
-    window = recording.window(recording.u)
-    centred = inside - inside.mean()
-    slope = (window @ centred) / float(centred @ centred)
-    mean = window.mean(axis=1)
-    line = mean[:, None] + slope[:, None] * (time - inside.mean())
+    time, window = recording.time, recording.window(recording.u)
+    slope, level = np.polyfit(time[recording.run_in :], window.T, 1)
+    line = np.outer(slope, time) + level[:, np.newaxis]
     words = "a straight line was taken out of u in each run"
     return replace(recording, u=recording.u - line, treatment=(*recording.treatment, words))
