@@ -643,3 +643,5 @@ def test_a_signal_is_multiplied_by_the_factor_before_its_name(tmp_path: Path) ->
     assert scaled.flipped("e", "u") == "e=-e,u=-0.2*u"
     with pytest.raises(InputError, match="names nothing"):
         load_recording(file, mapping={"fd": "0*d"})
+    with pytest.raises(InputError, match=r"no column '1\.2\.3\*d'"):
+        load_recording(file, mapping={"fd": "1.2.3*d"})

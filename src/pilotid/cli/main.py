@@ -34,7 +34,7 @@ from pilotid.support.disk import path_shown, require_folder, require_free, stric
 from pilotid.support.format import Line, make_console, show, show_warning, with_bar
 from pilotid.support.naming import labelled
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng, recording_rng
-from pilotid.support.remarks import OF_STICK, codes_in
+from pilotid.support.remarks import codes_in
 from pilotid.support.types import InputError
 
 #: What `list` shows first; all else is under "more".
@@ -167,12 +167,10 @@ def fit(
     if report is not None:
         page = html_report(fits)
         write_file(report, page.encode("utf-8", "replace"))
-    said: set[str] = set()
     console = make_console()
     for number, fitted in enumerate([] if printed else fits):
         show(console, *[""] * (number > 0))
-        print_fit(fitted, console, said)
-        said |= {remark.code for remark in fitted.graded} & set(OF_STICK)
+        print_fit(fitted, console)
     options.raise_refused(refused)
 
 

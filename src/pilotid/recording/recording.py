@@ -380,7 +380,7 @@ def _with_all_forcing(recordings: list[Recording]) -> tuple[list[Recording], lis
 def factor_of(text: str) -> tuple[float, str]:
     """The factor and the name in a text such as ``-3.49*fd``."""
     match = re.fullmatch(
-        r"(-?)\s*(?:([\d.]+(?:[eE][-+]?\d+)?)\s*\*)?\s*(.*)", text.strip(), re.DOTALL
+        r"(-?)\s*(?:((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*\*)?\s*(.*)", text.strip(), re.DOTALL
     )
     assert match is not None  # every text is a name at least
     sign, number, name = match.groups()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -96,7 +96,7 @@ def _loops(fit: Fitted) -> dict[str, Any]:
     }
 
 
-def print_fit(fit: Fitted, console: Console, said: Container[str] = ()) -> None:
+def print_fit(fit: Fitted, console: Console) -> None:
     """Print tables, a line for each method, and what is wrong or in doubt.
 
     Parameters
@@ -105,12 +105,9 @@ def print_fit(fit: Fitted, console: Console, said: Container[str] = ()) -> None:
         What was fitted.
     console
         Where to.
-    said
-        Codes of remarks that were printed already and are not printed again.
     """
     content = tables_of(fit)
-    remarks = {r: about for r, about in fit.graded.items() if r.code not in said}
-    notes = dict.fromkeys(remark.code for remark in remarks if remark.grade == "note")
+    notes = dict.fromkeys(remark.code for remark in fit.graded if remark.grade == "note")
     show(
         console,
         Line(fit.heading, "heading"),
@@ -122,7 +119,7 @@ def print_fit(fit: Fitted, console: Console, said: Container[str] = ()) -> None:
         *content["loops"],
         *content["loop_notes"],
         *(Line(e.verdict(), "" if e.outcome.usable else "failure") for e in fit.estimates),
-        *(Line(r.line(about), "warning") for r, about in remarks.items() if r.grade != "note"),
+        *(Line(r.line(about), "warning") for r, about in fit.graded.items() if r.grade != "note"),
         *[f"notes, in full with --json or --report: {', '.join(notes)}"] * bool(notes),
     )
 

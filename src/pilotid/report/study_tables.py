@@ -23,7 +23,7 @@ from pilotid.study.table import (
     worst_parameter,
 )
 from pilotid.study.trust import TRUST
-from pilotid.support.format import NONE, Columns, Table, number, plus_minus, share, table, table_of
+from pilotid.support.format import NONE, Table, number, plus_minus, share, table
 
 #: Families of scenarios in which a warning is due: an assumption is violated, a recorder is faulty.
 WARNED = ("violation", "recorder")
@@ -98,8 +98,9 @@ class Ranking(NamedTuple):
     ticks: Sequence[tuple[float, int]] = LABELS
 
 
-#: The ranking's columns: of a method's scores, the study, and the best method's scores.
-RANKING: Columns = {
+#: The ranking's columns by title: the value in a row, of a method's scores, the study and the best
+#: method's scores; what writes it as a number (None for words); and what the title means.
+RANKING: dict[str, tuple[Callable[..., object], Callable[..., str] | None, str]] = {
     "method": (
         lambda row, study, _: f"{row.method}{' *' * study.methods[row.method].uses_prior}",
         None,
@@ -147,7 +148,10 @@ def ranking(study: Comparison, name: str) -> Ranking:
     caption = f"`{name}`, {what}: methods by their loss "
     caption += f"(1: exact; below {EFFICIENT:g} efficient, below {USABLE:g} usable)"
     marks = {"verdict": [GRADES.get(verdict(study, row).grade, "none") for row in order]}
-    shown = table_of(order, caption, RANKING, study, order[0], marks=marks)
+    rows = [[value(row, study, order[0]) for value, *_ in RANKING.values()] for row in order]
+    forms = {title: form for title, (_, form, _) in RANKING.items() if form}
+    hints = {title: hint for title, (*_, hint) in RANKING.items()}
+    shown = table(rows, caption, list(RANKING), forms, hints=hints, marks=marks)
     whiskers = [tuple(map(place, _ends(row))) if is_ranked(row) else None for row in order]
     return Ranking(shown, whiskers, [loss_mark(row.loss) for row in order])
 

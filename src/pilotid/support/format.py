@@ -56,10 +56,9 @@ def to_error(value: float, error: float, most: int = 4) -> str:
 
 def unsigned(value: float, error: float) -> str:
     """A value with its error, of which two digits are shown."""
+    known = math.isfinite(value) and math.isfinite(error) and error > 0.0
     text = to_error(value, error)
-    if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
-        return text
-    return f"{text} ± {to_error(error, error)}"
+    return f"{text} ± {to_error(error, error)}" if known else text
 
 
 def plus_minus(value: float, error: float) -> str:
@@ -255,31 +254,6 @@ def table(
         heads,
         hints or {},
         marks or {},
-    )
-
-
-#: A column by its title: what gives an item's value, what writes it as a number (None for words),
-#: and what the title means.
-Columns = Mapping[str, tuple[Callable[..., object], Callable[..., str] | None, str]]
-
-
-def table_of(
-    items: Iterable[object],
-    caption: str,
-    columns: Columns,
-    *others: object,
-    heads: int = 1,
-    marks: Mapping[str, Sequence[str]] | None = None,
-) -> Table:
-    """A `table` with a row for each item; values are of the item and of `others`."""
-    return table(
-        [[value(item, *others) for value, *_ in columns.values()] for item in items],
-        caption,
-        list(columns),
-        {title: form for title, (_, form, _) in columns.items() if form},
-        heads=heads,
-        hints={title: hint for title, (*_, hint) in columns.items() if hint},
-        marks=marks,
     )
 
 

@@ -50,10 +50,6 @@ CODES: dict[str, tuple[Grade, str]] = {
 }
 
 
-#: Codes of what a stick does, which is said once an experiment.
-OF_STICK = ("held-control",)
-
-
 class Remark(str):
     """A sentence that a user must know, with its code.
 

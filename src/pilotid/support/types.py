@@ -37,8 +37,7 @@ def printable(text: str) -> str:
 def one_line(text: str) -> str:
     """A text that any table and file can hold: on one line, of printable signs, not too long."""
     if not text.isprintable():
-        line = " ".join(text.split())
-        text = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
+        text = printable(" ".join(text.split()))
     return text if len(text) <= LONGEST_MESSAGE else f"{text[:LONGEST_MESSAGE]} ..."
 
 
