@@ -90,10 +90,6 @@ def test_what_a_method_raises_is_an_outcome_and_its_traceback_comes_if_asked(
     "call",
     [
         lambda: pilotid.design(minimise="foo"),
-        lambda: pilotid.compare(["single"], ["mle-white"], 0, out="c"),
-        lambda: pilotid.compare(["single"], ["mle-white"], 1, workers=0, out="c"),
-        lambda: pilotid.identify("mle-white", RECORDING, "single", -1),
-        lambda: pilotid.identify("mle-white", RECORDING, "single", "a"),  # type: ignore[arg-type]
         lambda: pilotid.identify("mle-white", 3, "single"),  # type: ignore[arg-type]
         lambda: pilotid.identify("mle-white", RECORDING, 3),  # type: ignore[arg-type]
         lambda: pilotid.simulate(3),  # type: ignore[arg-type]

@@ -23,7 +23,7 @@ from pilotid.model.catalogue import model_named
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, ranged, recording_rng
+from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
@@ -51,7 +51,6 @@ def identify(
     method: PilotModel | str,
     rng: np.random.Generator | int = ...,
 ) -> Estimate: ...
-@ranged
 def identify(
     recording: Recording | Method | str,
     model: PilotModel | Recording | str,
@@ -128,7 +127,6 @@ def check(
     return checked
 
 
-@ranged
 def which_model(
     recording: Recording, *models: PilotModel | str, seed: int = DEFAULT_SEED
 ) -> Selection:
@@ -156,7 +154,6 @@ def which_model(
     return select(recording, named, seed)
 
 
-@ranged
 def simulate(
     scenario: AnyScenario | str = "nominal", rng: np.random.Generator | int = DEFAULT_SEED
 ) -> Recording:
@@ -183,7 +180,6 @@ def simulate(
     return simulated(drawn, recording_rng(rng, chosen.name))
 
 
-@ranged
 def compare(
     scenarios: Iterable[AnyScenario | str] = ("nominal",),
     methods: Iterable[Method | str] = ("mle-white", "mle"),
@@ -220,7 +216,6 @@ def compare(
     return Study(scenarios, methods, replications, seed).run_in(Path(out), workers)
 
 
-@ranged
 def trust(
     recording: Recording,
     model: PilotModel | str | None = None,
@@ -257,7 +252,6 @@ def trust(
     return try_fit(recording, chosen, methods, Path(out), replications, seed, workers)
 
 
-@ranged
 def design(
     scenario: Scenario | str = "nominal",
     minimise: str = "A",

@@ -20,7 +20,7 @@ from pilotid.recording.recording import Recording
 from pilotid.support import disk
 from pilotid.support.disk import strict_json, write_file
 from pilotid.support.naming import split_list
-from pilotid.support.numbers import ranged
+from pilotid.support.numbers import OPTIONS
 from pilotid.support.types import InputError
 
 #: Metavar and help of arguments and options by name, or by command and name where a command means
@@ -110,6 +110,8 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     def described(p: Parameter) -> Parameter:
         metavar, text = MEANINGS.get(f"{function.__name__} {p.name}") or MEANINGS[p.name]
         about: dict[str, Any] = {"metavar": metavar or None, "help": text}
+        if p.name in OPTIONS and p.annotation is not str:  # --runs 2-5
+            about["min"], about["max"] = OPTIONS[p.name]
         info = typer.Option(spelled(p.name), **about) if p.kind is ONLY else typer.Argument(**about)
         return p.replace(annotation=Annotated[p.annotation, info])
 
@@ -125,7 +127,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         function(**given)
 
     run.__signature__ = Signature([*map(described, (*plain, *read))])  # type: ignore[attr-defined]
-    return ranged(run, spelled)
+    return run
 
 
 #: The command line, for reports that name it.

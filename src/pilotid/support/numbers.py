@@ -1,13 +1,8 @@
-"""Numbers: their ranges, what chance allows, and random generators."""
+"""Numbers: what chance allows, random generators, and ranges."""
 
 from __future__ import annotations
 
 import dataclasses
-import inspect
-from collections.abc import Callable
-from functools import wraps
-from numbers import Number, Real
-from typing import NamedTuple, ParamSpec, TypeVar
 from zlib import crc32
 
 import numpy as np
@@ -114,83 +109,27 @@ def _generator(seed: int, *key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
-P = ParamSpec("P")
-T = TypeVar("T")
-
-
-class Range(NamedTuple):
-    """What a number may be, both ends included."""
-
-    low: float
-    high: float
-    whole: bool = False
-
-
-SEED = Range(0, 2**64 - 1, True)
-#: Arguments and options; more takes days, or more memory than there is, and tells no more.
-ARGUMENTS = {
-    "seed": SEED,
-    "rng": SEED,
-    "replications": Range(1, 10**6, True),
-    "workers": Range(1, 256, True),
-    "runs": Range(1, 1000, True),
-    "lead_in": Range(0.0, 3600.0),
-    "dt": Range(1e-5, 1.0),
-    "time_limit": Range(0.0, 1e7),
+#: Least and largest values of options; more takes days, or more memory than there is, and tells no
+#: more.
+OPTIONS: dict[str, tuple[float, float]] = {
+    "seed": (0, 2**64 - 1),
+    "replications": (1, 10**6),
+    "workers": (1, 256),
+    "runs": (1, 1000),
+    "lead_in": (0.0, 3600.0),
+    "dt": (1e-5, 1.0),
+    "time_limit": (0.0, 1e7),
 }
-RUNS = (True, "runs")  # as a text they are chosen, such as 2-5
-#: Settings of the methods of this package: whole numbers, and others.
-COUNT, SIZE = Range(1, 1000, True), Range(1e-12, 1e6)
+#: The same of settings of the methods of this package: whole numbers, and others.
+COUNT, SIZE = (1, 1000), (1e-12, 1e6)
 #: Those of other ranges.
-SETTINGS = {
-    **dict.fromkeys(("misfit", "removed", "threshold"), Range(0.0, 1.0)),
-    "delays": Range(0.0, 5.0),
-    "trend": Range(0, 10, True),
-    "pade_order": Range(1, 10, True),
-    "most": Range(1, 10**6, True),
+SETTINGS: dict[str, tuple[float, float]] = {
+    **dict.fromkeys(("misfit", "removed", "threshold"), (0.0, 1.0)),
+    "delays": (0.0, 5.0),
+    "trend": (0, 10),
+    "pade_order": (1, 10),
+    "most": (1, 10**6),
 }
-
-
-def in_range(value: object, known: Range, name: str) -> float:
-    """A number that is one and in its range, as Python's own.
-
-    Raises
-    ------
-    InputError
-        If it is not; the sentence begins with the name.
-    """
-    what = "a whole number" if known.whole else "a number"
-    if isinstance(value, int | float | Real) and value is not True and value is not False:
-        number = float(value)
-        if known.low <= number <= known.high and (number.is_integer() or not known.whole):
-            return int(value if isinstance(value, int) else number) if known.whole else number
-    shown = f"{value:g}" if isinstance(value, float) else f"{value!r:.50}"
-    raise InputError(f"{name} {shown}: must be {what} from {known.low:g} to {known.high:g}")
-
-
-def ranged(function: Callable[P, T], spelled: Callable[[str], str] = str) -> Callable[P, T]:
-    """A function that refuses arguments out of the ranges of their names.
-
-    Parameters
-    ----------
-    function
-        The function; arguments that are neither numbers nor texts are its own affair.
-    spelled
-        How users write an argument's name.
-    """
-    signature = inspect.signature(function)
-
-    @wraps(function)
-    def careful(*arguments: P.args, **named: P.kwargs) -> T:
-        for name, value in signature.bind(*arguments, **named).arguments.items():
-            known = ARGUMENTS.get(name)
-            text = isinstance(value, str)
-            if known is None or not (text or isinstance(value, Number)) or (text, name) == RUNS:
-                continue
-            in_range(value, known, spelled(name))
-        return function(*arguments, **named)
-
-    return careful
 
 
 def require_settings(thing: object) -> None:
@@ -198,8 +137,10 @@ def require_settings(thing: object) -> None:
     if not (dataclasses.is_dataclass(thing) and type(thing).__module__.startswith("pilotid.meth")):
         return
     for field in dataclasses.fields(thing):
+        usual = COUNT if "int" in str(field.type) else SIZE
+        low, high = SETTINGS.get(field.name, usual)
         given = getattr(thing, field.name)
         for value in given if isinstance(given, tuple | list) else (given,):
-            if isinstance(value, int | float) and not isinstance(value, bool):
-                usual = COUNT if "int" in str(field.type) else SIZE
-                in_range(value, SETTINGS.get(field.name, usual), field.name)
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if is_number and not low <= value <= high:
+                raise InputError(f"{field.name} {value}: must be from {low:g} to {high:g}")
