@@ -52,6 +52,16 @@ def test_the_command_writes_draws_summary_and_figures(run: Run, tmp_path: Path) 
     assert not [path for path in out.iterdir() if path.name.endswith(".part")]
 
 
+@pytest.mark.long
+def test_each_of_several_files_has_its_folder(run: Run, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        save_recording(RECORDING, tmp_path / f"{name}.csv")
+    files, out = (tmp_path / "a.csv", tmp_path / "b.csv"), tmp_path / "out"
+    printed = run("posterior", *files, "--model", "single", "--runs", 1, "--out", out)
+    assert printed.status == 0, printed.err
+    assert sorted(path.parent.name for path in out.rglob("draws.npy")) == ["a", "b"]
+
+
 def test_what_is_wrong_with_a_recording_is_told(run: Run, tmp_path: Path) -> None:
     still = tmp_path / "still.csv"
     save_recording(replace(RECORDING, e=np.zeros_like(RECORDING.e)), still)

@@ -262,7 +262,8 @@ def posterior(
         with make_console(errors=True).status("sampling"):
             (fitted,) = _fitted(recording, models, None, sampler, seed, element)
         quantities = quantities_of(fitted)
-        place = folders.get(recording.source, out)
+        source = f"{recording.source}, "  # behind a file's name may be the span and the runs
+        place = next((f for name, f in folders.items() if source.startswith(f"{name}, ")), out)
         written = write_posterior(place, fitted, quantities) if place and quantities else []
         show(make_console(), *[""] * (number > 0))
         print_posterior(fitted, quantities, written)
