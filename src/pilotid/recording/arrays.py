@@ -17,7 +17,7 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, Popen
-from threading import Lock
+from threading import get_ident
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,6 @@ for path in map(eval, sys.stdin):
     pickle.dump(content, sys.stdout.buffer)
     sys.stdout.flush()
 """
-LOCK = Lock()
 NOTES = "pilotid"  # the struct variable that holds what a CSV's sidecar holds
 OBJECT = {"<object: save it as matrices>": None}  # tables, time series
 
@@ -61,9 +60,8 @@ def read_arrays(path: Path, source: str, part: str) -> Content:
     from pilotid.recording.sidecar import parsed, read_sidecar
 
     try:
-        content = _content(path)
-        facts = json.dumps(content.pop(NOTES, {}), default=_plain)
-        variables = dict(_named(content, ""))
+        variables = dict(_named(_content(path), ""))
+        facts = _facts(variables)
     except Exception as error:  # what is damaged, or too large, fails in any way whatsoever
         what = shown(f"{type(error).__name__}: {error}")[1:-1]
         raise InputError(
@@ -86,13 +84,17 @@ def read_arrays(path: Path, source: str, part: str) -> Content:
     return Content("variable", source, families, notes, arrays, part)
 
 
-def _plain(value: Any) -> Any:
-    """A struct of scipy's as a dictionary, an array as a number, a text or a list."""
-    if hasattr(value, "_fieldnames"):
-        return {field: getattr(value, field) for field in value._fieldnames}
-    if not value.size and value.dtype.kind == "U":  # what scipy makes of an empty text
-        return ""
-    return value.ravel(order="F").tolist() if value.ndim else value.item()
+def _facts(variables: dict[str, Any]) -> str:
+    """The notes as JSON; they are taken out of the variables."""
+    facts: dict[str, Any] = {}
+    for name in [name for name in variables if name.partition(".")[0] == NOTES]:
+        *keys, last = name.split(".")[1:] or ["it is no struct"]
+        place = facts
+        for key in keys:
+            place = place.setdefault(key, {})
+        place[last] = variables.pop(name)
+    # An array is all that JSON does not know; an empty text is one.
+    return json.dumps(facts, default=lambda a: a.tolist() if a.size or a.dtype.kind != "U" else "")
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -115,11 +117,12 @@ def _content(path: Path) -> dict[str, Any]:
 
 def _named(value: Any, name: str) -> Iterator[tuple[str, Any]]:
     """The variables in one; in arrays of structs and cells by names such as ``data{2}.u``."""
-    is_cell = isinstance(value, np.ndarray) and value.dtype.kind == "O"
-    if is_cell or hasattr(value, "_fieldnames"):
-        value = _plain(value)
+    if hasattr(value, "_fieldnames"):  # of scipy
+        value = {field: getattr(value, field) for field in value._fieldnames}
     elif type(value).__name__ == "MatlabOpaque":
         name, value = value.ravel()[0]["s0"].decode(errors="replace"), OBJECT
+    elif isinstance(value, np.ndarray) and value.dtype.kind == "O":
+        value = value.ravel(order="F").tolist()
     if isinstance(value, dict):
         for key, inside in value.items():
             yield from _named(inside, f"{name}.{key}".removeprefix("."))
@@ -151,8 +154,8 @@ def _in_hdf5(entry: Any) -> Any:
 
 
 @cache
-def _reader(owner: int) -> Any:
-    """The process that reads for the one with this id; one that was forked has another."""
+def _reader(process: int, thread: int) -> Any:
+    """The process that reads for a thread; what was forked has others."""
     command = [sys.executable, "-PWignore", "-c", READER]
     reader = Popen(command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL)
     atexit.register(reader.communicate)  # it ends when its input does
@@ -161,17 +164,16 @@ def _reader(owner: int) -> Any:
 
 def _loaded(path: Path) -> dict[str, Any]:
     """The variables that scipy reads of a file."""
-    with LOCK:
-        reader = _reader(os.getpid())
-        try:
-            reader.stdin.write(f"{str(path.absolute())!a}\n".encode())
-            reader.stdin.flush()
-            content: dict[str, Any] | Exception = pickle.load(reader.stdout)
-        except BaseException:  # the next answer must not be this one
-            _reader.cache_clear()
-            reader.kill()
-            reader.communicate()
-            raise
+    reader = _reader(os.getpid(), get_ident())
+    try:
+        reader.stdin.write(f"{str(path.absolute())!a}\n".encode())
+        reader.stdin.flush()
+        content: dict[str, Any] | Exception = pickle.load(reader.stdout)
+    except BaseException:  # the next answer must not be this one
+        _reader.cache_clear()
+        reader.kill()
+        reader.communicate()
+        raise
     if isinstance(content, Exception):
         raise content
     return content
