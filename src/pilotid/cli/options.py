@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -15,7 +16,7 @@ from pilotid.estimate.method import Method
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import AUTO, model_named, with_held
 from pilotid.model.model import PilotModel
-from pilotid.recording.files import Reading, read_with
+from pilotid.recording.files import read_with
 from pilotid.recording.recording import Recording
 from pilotid.support import disk
 from pilotid.support.disk import strict_json, write_file
@@ -72,7 +73,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "people": ("NAME", "Published recordings of people instead; see fetch-data."),
     # Experiments.
     "pattern": ("'subj{subject}_{condition}'", "What the files' names say; {run} tells runs."),
-    "contrast": ("A:B", "Conditions to compare, B less A; repeat."),
+    "contrasts": ("A:B", "Conditions to compare, B less A; repeat."),
     "keep_all": ("", "Count estimates that are not determined, or wrong, as well."),
     "sensitivity": ("", "Also fit another band, remnant and lead-in, and each half: a table."),
     "per_run": ("", "Also fit each run separately."),
@@ -86,7 +87,13 @@ MEANINGS: dict[str, tuple[str, str]] = {
 }
 ONLY = Parameter.KEYWORD_ONLY
 #: Options that are not called like their parameters, which are reserved words or other things.
-SPELLED = {"mapping": "--map", "estimates": "--from", "imported": "--estimates", "kind": "--format"}
+SPELLED = {
+    "mapping": "--map",
+    "contrasts": "--contrast",
+    "estimates": "--from",
+    "imported": "--estimates",
+    "kind": "--format",
+}
 
 
 def spelled(name: str) -> str:
@@ -94,17 +101,20 @@ def spelled(name: str) -> str:
     return SPELLED.get(name, f"--{name.replace('_', '-')}")
 
 
-#: How files are read, an option a field.
-READING = [
-    p.replace(kind=ONLY, annotation=list[str] if p.name == "mapping" else p.annotation)
-    for p in signature(Reading, eval_str=True).parameters.values()
-]
+def fields_of(kind: Any) -> list[Parameter]:
+    """The fields of a dataclass as options."""
+    return [
+        p.replace(
+            kind=ONLY, annotation=list[str] if p.annotation == Sequence[str] else p.annotation
+        )
+        for p in signature(kind, eval_str=True).parameters.values()
+    ]
 
 
 def as_command(function: Callable[..., None]) -> Callable[..., None]:
     """A function for typer: what is keyword-only is an option, all else an argument.
 
-    The fields of a `Reading` are options of their own.
+    The fields of a dataclass are options of their own.
     """
 
     def described(p: Parameter) -> Parameter:
@@ -116,17 +126,17 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         return p.replace(annotation=Annotated[p.annotation, info])
 
     own = signature(function, eval_str=True).parameters
-    plain = [p for p in own.values() if p.annotation is not Reading]
-    read = READING if len(plain) < len(own) else []
+    groups = {p.name: fields_of(p.annotation) for p in own.values() if is_dataclass(p.annotation)}
+    single = [p for p in own.values() if p.name not in groups]
 
     @wraps(function)
     def run(**given: Any) -> None:
-        if read:
-            how = {p.name: given.pop(p.name) for p in read}
-            given["reading"] = Reading(**{**how, "mapping": tuple(how["mapping"])})
+        for name, fields in groups.items():
+            given[name] = own[name].annotation(**{p.name: given.pop(p.name) for p in fields})
         function(**given)
 
-    run.__signature__ = Signature([*map(described, (*plain, *read))])  # type: ignore[attr-defined]
+    every = [p for fields in (single, *groups.values()) for p in fields]
+    run.__signature__ = Signature([*map(described, every)])  # type: ignore[attr-defined]
     return run
 
 

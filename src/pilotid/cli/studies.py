@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import metadata
 from pathlib import Path
@@ -65,13 +66,10 @@ def compare(
         analyse(
             recordings_in(folder, people),
             out=out,
-            pattern=known["pattern"],
             model=[known["model"]],
             method=method or [*METHODS_FOR_PEOPLE],
-            left_out=True,
+            how=Analysis(known["pattern"], left_out=True, seed=seed, workers=workers),
             reading=Reading(mapping, float(known["dt"]) if known["dt"] else None),
-            seed=seed,
-            workers=workers,
         )
         return
     default, count, usual = PROFILES[profile]
@@ -218,49 +216,41 @@ def fetch_data(name: str | None = None) -> None:
         show(console, f"The files are in {folder}:", compare)
 
 
+@dataclass(frozen=True)
+class Analysis:
+    """What `analyse` of `pilotid.experiment.experiment` takes by these names."""
+
+    pattern: str | None = None
+    contrasts: Sequence[str] = ()
+    keep_all: bool = False
+    sensitivity: bool = False
+    per_run: bool = False
+    left_out: bool = False
+    exclude: Sequence[str] = ()
+    factors: str | None = None
+    element: str | None = None
+    fix: str | None = None
+    ignore: Sequence[str] = ()
+    seed: int = DEFAULT_SEED
+    workers: int | None = None
+
+
 def analyse(
     files: list[Path],
     *,
     out: Path,
-    pattern: str | None = None,
     model: list[str] | None = None,
     method: list[str] | None = None,
-    contrast: list[str] | None = None,
-    keep_all: bool = False,
-    sensitivity: bool = False,
-    per_run: bool = False,
-    left_out: bool = False,
+    how: Analysis,
     reading: Reading,
-    exclude: list[str] | None = None,
-    factors: str | None = None,
-    element: str | None = None,
-    fix: str | None = None,
-    ignore: list[str] | None = None,
-    seed: int = DEFAULT_SEED,
-    workers: int | None = None,
 ) -> None:
     """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
     from pilotid.experiment.experiment import analyse as analysed
 
+    models = options.names_of(model, [AUTO], [AUTO])
+    methods = list(options.methods_of(method, ["mle"]).values())
     experiment = analysed(
-        files,
-        pattern,
-        options.names_of(model, [AUTO], [AUTO]),
-        list(options.methods_of(method, ["mle"]).values()),
-        out=out,
-        contrasts=contrast or (),
-        keep_all=keep_all,
-        sensitivity=sensitivity,
-        per_run=per_run,
-        left_out=left_out,
-        exclude=exclude or (),
-        factors=factors,
-        element=element,
-        fix=fix,
-        reading=reading,
-        ignore=ignore or (),
-        seed=seed,
-        workers=workers,
+        files, models=models, methods=methods, out=out, reading=reading, **vars(how)
     )
     path = experiment.write(shlex.join(options.TYPED))
     show(make_console(), *experiment.blocks(path))

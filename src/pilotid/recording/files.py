@@ -176,7 +176,7 @@ class Reading:
         Texts such as ``2-5`` and ``0:41``, empty for all of a recording.
     """
 
-    mapping: tuple[str, ...] = ()
+    mapping: Sequence[str] = ()
     dt: float | None = None
     detrend: bool = False
     lead_in: float = LEAD_IN
