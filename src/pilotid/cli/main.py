@@ -117,12 +117,13 @@ def simulate(
     out: Path,
     seed: int = DEFAULT_SEED,
     runs: int | None = None,
+    force: bool = False,
 ) -> None:
     """Simulate a scenario, or a pilot drawn from a population; truth goes to F.truth.json."""
     truth_file = out.with_suffix(".truth.json")
     written = [out, truth_file, *[sidecar_path(out)] * (out.suffix.lower() != ".mat")]
     again = truth_file.exists()  # it was simulated
-    require_free(written, [Path(scenario)], again=again)
+    require_free(written, [Path(scenario)], force=force or again)
     named = datasets.scenario_named(scenario)
     drawn = named.drawn(draw_rng(seed, named.name))
     drawn = replace(drawn, runs=runs or drawn.runs)
@@ -145,11 +146,12 @@ def fit(
     ignore: list[str] | None = None,
     json: str | None = None,
     report: Path | None = None,
+    force: bool = False,
 ) -> None:
     """Identify a pilot model from recordings."""
     ignored = codes_in(ignore or ())
     models, methods = options.models_of(model, fix), options.methods_of(method, ["mle"])
-    options.require_free(files, json, report)
+    options.require_free(files, json, report, force=force)
     recordings, refused = reading.all(files, joint=joint)
     fits: list[Fitted] = []
     for recording in with_bar(recordings, "fitting", len(recordings)):
@@ -213,12 +215,13 @@ def check(
     brief: bool = False,
     ignore: list[str] | None = None,
     json: str | None = None,
+    force: bool = False,
 ) -> None:
     """Summarise recordings and report problems."""
     from pilotid.report.check import check_all, summary_of
 
     ignored = codes_in(ignore or ())
-    options.require_free(files, json)
+    options.require_free(files, json, force=force)
     recordings, refused = reading.all(files, joint=joint)
     every = check_all(recordings, element, ignored)
     if not options.write_json(json, (checked.to_dict() for checked in every)):
@@ -244,6 +247,7 @@ def posterior(
     element: str | None = None,
     seed: int = DEFAULT_SEED,
     out: Path | None = None,
+    force: bool = False,
 ) -> None:
     """Sample the posterior of a pilot model's parameters with emcee."""
     from pilotid.report.fit import print_posterior, quantities_of, write_posterior
@@ -255,7 +259,7 @@ def posterior(
         if len({*folders.values()}) < len(files):
             raise InputError("two files have one name; choose another --out for one of them")
     for folder in folders.values() or ([out] if out else []):
-        require_folder(folder, FILES, read_with(files))
+        require_folder(folder, FILES, read_with(files), force=force)
     recordings, refused = reading.all(files, joint=joint)
     sampler = {"bayes": Bayes(effective=2000.0)}
     for number, recording in enumerate(recordings):

@@ -56,6 +56,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "workers": ("", "Processes; default: one for each processor."),
     "out": ("DIR", "Results folder; what is done there is kept."),
     "simulate out": ("F.csv", "Recording to write, .csv, .mat or .npz."),
+    "force": ("", "Write over files that are there already."),
     "ignore": ("CODE", "Code of a warning that is left out; repeat, or use commas."),
     "json": ("F.json|-", "Write the results as JSON; - prints."),
     "report": ("F.html", "Write a report with figures."),
@@ -179,10 +180,10 @@ def selected_model(recording: Recording, name: str, seed: int) -> PilotModel:
     return select(recording, seed=seed).model if name == AUTO else model_named(name)
 
 
-def require_free(inputs: Sequence[Path], *targets: str | Path | None) -> None:
+def require_free(inputs: Sequence[Path], *targets: str | Path | None, force: bool) -> None:
     """Refuse, before any work is done, files to write that must stay as they are."""
     named = [Path(t) for t in targets if t is not None and t != "-"]
-    disk.require_free(named, read_with(inputs))
+    disk.require_free(named, read_with(inputs), force=force)
 
 
 def raise_refused(refused: Sequence[str]) -> None:

@@ -51,6 +51,7 @@ def compare(
     retry_failed: bool = False,
     people: str | None = None,
     imported: Path | None = None,
+    force: bool = False,
     out: Path = Path("results/compare"),
 ) -> None:
     """Compare methods on simulated recordings whose truth is known."""
@@ -68,7 +69,7 @@ def compare(
             out=out,
             model=[known["model"]],
             method=method or [*METHODS_FOR_PEOPLE],
-            how=Analysis(known["pattern"], left_out=True, seed=seed, workers=workers),
+            how=Analysis(known["pattern"], left_out=True, seed=seed, workers=workers, force=force),
             reading=Reading(mapping, float(known["dt"]) if known["dt"] else None),
         )
         return
@@ -80,7 +81,7 @@ def compare(
     tried = options.names_of(method, usual, list(METHODS))
     study = Study([*like_it, *names], tried, replications or count, seed)
     read = read_with([path for path in (imported, like) if path])
-    disk.require_folder(out, TABLES, read)
+    disk.require_folder(out, TABLES, read, force=force)
     theirs = [] if imported is None else read_estimates(imported, study)
     with Store(out, create=True) as store:
         pending, size = study.enter(store, retry=retry_failed), len(study.keys)
@@ -106,13 +107,14 @@ def export(
     kind: Format = "csv",
     seed: int = DEFAULT_SEED,
     out: Path,
+    force: bool = False,
 ) -> None:
     """Write a study's recordings as files for other languages, and their truth apart."""
     from pilotid.study.exchange import MANIFEST
     from pilotid.study.exchange import export as exported
 
     names = split_list(scenario)
-    count = exported(names, replications, seed, out, kind)
+    count = exported(names, replications, seed, out, kind, force=force)
     words = f"{out / MANIFEST}: {count} recordings; the truth is in {out / 'truth'}"
     fits = f"fits of yours: pilotid compare --estimates {out / 'mine.csv'} --seed {seed}"
     show(make_console(), words, fits)
@@ -177,6 +179,7 @@ def trust(
     element: str | None = None,
     seed: int = DEFAULT_SEED,
     workers: int | None = None,
+    force: bool = False,
 ) -> None:
     """Compare methods on simulations of a recording, and correct the intervals of its fit.
 
@@ -186,7 +189,7 @@ def trust(
     from pilotid.report.study_tables import advice, trust_table
     from pilotid.study.trust import TRUST, UNKNOWN, try_fit
 
-    disk.require_folder(out, TABLES, read_with(files))
+    disk.require_folder(out, TABLES, read_with(files), force=force)
     (recording,), _ = reading.all(files, joint=len(files) > 1)
     if element is not None:
         recording = replace(recording, controlled_element=element_named(element).name)
@@ -233,6 +236,7 @@ class Analysis:
     ignore: Sequence[str] = ()
     seed: int = DEFAULT_SEED
     workers: int | None = None
+    force: bool = False
 
 
 def analyse(
@@ -264,6 +268,7 @@ def design(
     minimise: str = "A",
     limit: str = "e=1,u=1",
     estimates: Path | None = None,
+    force: bool = False,
 ) -> None:
     """Design forcing functions for small errors, within limits on error and control."""
     from pilotid.datasets.design import design as designed
@@ -271,7 +276,7 @@ def design(
     from pilotid.report.design import error_table, sentences, write_report
 
     read = [Path(path) for path in (scenario, estimates) if path is not None]
-    disk.require_folder(out, ("design.json", "forcing.csv", "report.html"), read)
+    disk.require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)
     chosen = datasets.scenario_named(scenario or "nominal")
     if not isinstance(chosen, datasets.Scenario) or chosen.violation is not None:
         raise InputError(f"{chosen.name}: a design is for one sound loop; name a scenario")

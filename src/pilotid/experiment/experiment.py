@@ -113,6 +113,7 @@ def analyse(
     ignore: Sequence[str] = (),
     seed: int = DEFAULT_SEED,
     workers: int | None = None,
+    force: bool = False,
 ) -> Experiment:
     """Analyse recordings of subjects under conditions, as ``pilotid analyse`` does.
 
@@ -154,6 +155,8 @@ def analyse(
         Seed of all random numbers.
     workers
         Processes; None for one for each processor.
+    force
+        Whether files of the folder may be written over that this program did not write.
 
     Returns
     -------
@@ -198,7 +201,7 @@ def analyse(
     )
     read = [file for part in parts for file in part.files]
     names = (*(f"{name}.csv" for name in TABLES), TEX, PAGE)
-    require_folder(folder, names, read_with(read))
+    require_folder(folder, names, read_with(read), force=force)
     results = compared(fit_recordings(parts, settings, folder, workers, refused))
     return Experiment(**vars(results), folder=folder)
 

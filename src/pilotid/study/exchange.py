@@ -66,7 +66,15 @@ class Manifest(NamedTuple):
     digests: Mapping[tuple[str, int], str]
 
 
-def export(scenarios: Sequence[str], replications: int, seed: int, folder: Path, kind: str) -> int:
+def export(
+    scenarios: Sequence[str],
+    replications: int,
+    seed: int,
+    folder: Path,
+    kind: str,
+    *,
+    force: bool = False,
+) -> int:
     """Write the recordings of a study, their manifest and their truth; returns how many there are.
 
     The manifest has for each recording its file, sampling interval ``dt`` [s], samples of run-in,
@@ -81,8 +89,10 @@ def export(scenarios: Sequence[str], replications: int, seed: int, folder: Path,
         As for `pilotid.study.study.Study`.
     folder, kind
         Where to, and the format of the recordings: csv, mat or npz.
+    force
+        Whether an export that is there is written over.
     """
-    require_folder(folder, [MANIFEST])
+    require_folder(folder, [MANIFEST], force=force)
     make_folder(folder / RECORDINGS)
     make_folder(folder / TRUTH)
     entries = []

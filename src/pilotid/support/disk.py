@@ -131,7 +131,7 @@ def require_free(
     targets: Iterable[Path],
     inputs: Iterable[Path] = (),
     *,
-    again: bool = False,
+    force: bool = False,
     unasked: Sequence[str] = RESULTS,
 ) -> None:
     """Refuse, before any work is done, files to write that must stay as they are.
@@ -142,8 +142,8 @@ def require_free(
         Files to write, whose folders exist.
     inputs
         Files that are read: they are never written over.
-    again
-        Whether they are results of former work, which are written over whatever their suffix.
+    force
+        Whether files may be written over of any suffix.
     unasked
         Suffixes of files that are written over in any case.
     """
@@ -162,13 +162,17 @@ def require_free(
             raise InputError(f"{target}: is a folder; name a file in it")
         if not (target.exists() or os.access(target.parent, os.W_OK | os.X_OK)):
             raise InputError(f"{target}: cannot be written; check the rights of its folder")
-        if not again and target.suffix not in unasked and target.is_file():
-            raise InputError(f"{target}: is there already; name another place, or remove it first")
+        if not force and target.suffix not in unasked and target.is_file():
+            raise InputError(
+                f"{target}: is there already; name another place, or write over it with --force"
+            )
 
 
-def require_folder(folder: Path, names: Sequence[str], inputs: Iterable[Path] = ()) -> None:
+def require_folder(
+    folder: Path, names: Sequence[str], inputs: Iterable[Path] = (), *, force: bool = False
+) -> None:
     """The same for files of these names in a folder, which is made."""
     ours = any((folder / name).exists() for name in STORES)
     make_folder(folder)
     targets = [folder / name for name in names]
-    require_free(targets, inputs, again=ours, unasked=())
+    require_free(targets, inputs, force=force or ours, unasked=())
