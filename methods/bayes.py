@@ -34,6 +34,7 @@ import numpy as np
 
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.warnings import is_vague, one_signal
+from pilotid.likelihood.diagnostics import fit_remarks, with_verdict
 from pilotid.likelihood.estimates import make_estimate, too_short
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.posterior import Posterior, Prior, priors_of, sample
@@ -133,13 +134,16 @@ class Bayes(LikelihoodSettings):
             estimate,
             intervals=intervals[:pilot],
             message="; ".join(part for part in words if part),
-            iterations=optimum.iterations,
-            starts=optimum.starts,
-            band=optimum.band_of(recording),
-            remnant=optimum.remnant,
             draws=draws,
-            remarks=too_short(Likelihood(joint.prediction), values) if white else (),
         )
+        # The likelihood is that of `mle`: the same speaks against it.
+        remarks = (
+            too_short(Likelihood(joint.prediction), values)
+            if white
+            else fit_remarks(optimum, recording, asked_for_band=self.loop)
+        )
+        tested = None if white else optimum.covariance
+        estimate = with_verdict(estimate, optimum, recording, tested, "mle-reference", remarks)
         if estimate.outcome.usable and is_vague(estimate) and one_signal(recording, model):
             # Several summits, far apart: draws about one of them look as good as any others.
             estimate = replace(estimate, outcome=Outcome.NOT_CONVERGED, message=SUMMITS)

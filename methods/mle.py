@@ -26,16 +26,13 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimate.estimate import Estimate, Outcome, failed
-from pilotid.likelihood.diagnostics import fit_remarks, tested_specification
+from pilotid.likelihood.diagnostics import fit_remarks, with_verdict
 from pilotid.likelihood.estimates import make_estimate
 from pilotid.likelihood.profile import profile_likelihood, with_profile
 from pilotid.likelihood.search import LikelihoodSettings, maxima_from, maximise_likelihood
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.support.types import FloatArray
-
-#: What is said where no optimum passes `PilotCheck`.
-NO_PILOT = "no optimum is a pilot in a stable loop, or explains the control where none is known"
 
 
 @dataclass(frozen=True)
@@ -79,22 +76,11 @@ class MLE(LikelihoodSettings):
         )
         if profile is not None:
             estimate = with_profile(estimate, optimum, profile)
-        if not optimum.is_credible:
-            estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=NO_PILOT)
-        tested = tested_specification(optimum, recording, estimate, self.against)
-        return replace(
-            estimate,
-            specification=tested,
-            iterations=optimum.iterations,
-            starts=optimum.starts,
-            remnant=optimum.remnant,
-            criterion=optimum.criterion,
-            band=optimum.band_of(recording),
-            remarks=(
-                *(tested.remarks if tested else ()),
-                *fit_remarks(optimum, recording, asked_for_band=self.loop),
-            ),
+        remarks = fit_remarks(optimum, recording, asked_for_band=self.loop)
+        estimate = with_verdict(
+            estimate, optimum, recording, estimate.covariance, self.against, remarks
         )
+        return replace(estimate, criterion=optimum.criterion)
 
     def criteria_from(
         self, recording: Recording, model: PilotModel, sets: FloatArray

@@ -21,9 +21,9 @@ pytestmark = pytest.mark.numerical
 
 
 @cache
-def fit(scenario: str, model: str, seed: int) -> Estimate:
+def fit(scenario: str, model: str, seed: int, method: str = "mle") -> Estimate:
     recording = simulate(SCENARIOS[scenario], np.random.default_rng(seed))
-    return identify(method_named("mle"), recording, MODELS[model], np.random.default_rng(seed))
+    return identify(method_named(method), recording, MODELS[model], np.random.default_rng(seed))
 
 
 def test_a_right_model_agrees() -> None:
@@ -32,8 +32,9 @@ def test_a_right_model_agrees() -> None:
         assert tested.agrees
 
 
-def test_a_model_that_lacks_a_channel_disagrees() -> None:
-    estimate = fit("nominal", "single", 0)
+@pytest.mark.parametrize("method", ["mle", "bayes"])
+def test_a_model_that_lacks_a_channel_disagrees(method: str) -> None:
+    estimate = fit("nominal", "single", 0, method)
     assert not estimate.specification.agrees
     assert estimate.specification.p_value < ESTIMATE.surely_misspecified
     (remark,) = (r for r in estimate.remarks if getattr(r, "code", "") == "misspecified")

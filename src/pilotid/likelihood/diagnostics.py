@@ -23,7 +23,7 @@ import numpy as np
 from pilotid.checks.detectors import is_resampled, step_of
 from pilotid.checks.element_fit import closing_element
 from pilotid.checks.plant import element_changes, is_gain
-from pilotid.estimate.estimate import Estimate, is_at_bound
+from pilotid.estimate.estimate import Estimate, Outcome, is_at_bound
 from pilotid.estimate.quantities import Specification, score_test
 from pilotid.likelihood.band_likelihood import BandTerms
 from pilotid.likelihood.likelihood import Likelihood
@@ -223,20 +223,57 @@ def drift_left(joint: Likelihood, values: FloatArray) -> tuple[float, FloatArray
     return float(explained * (errors.size - along.size) / left), drifts
 
 
-def tested_specification(
-    optimum: Optimum, recording: Recording, estimate: Estimate, against: str
-) -> Specification | None:
-    """The estimate tested against a consistent one: the forcing lines, or else instruments.
+#: What is said where no optimum passes `pilotid.likelihood.optimum.PilotCheck`.
+NO_PILOT = "no optimum is a pilot in a stable loop, or explains the control where none is known"
+
+
+def with_verdict(
+    estimate: Estimate,
+    optimum: Optimum,
+    recording: Recording,
+    covariance: FloatArray | None,
+    against: str,
+    remarks: Sequence[Remark],
+) -> Estimate:
+    """The estimate with what its likelihood rests on, and what speaks against it.
 
     Parameters
     ----------
-    optimum, recording, estimate
-        The optimum, what was fitted, and the estimate that it became.
+    estimate, optimum, recording
+        The estimate, the optimum of the likelihood that it is of, and what was fitted.
+    covariance
+        Covariance of the optimum, shape (parameters, parameters); None where it is not tested.
     against
-        The method whose moments the instruments are.
+        The method whose moments it is tested against where no lines can test it.
+    remarks
+        What is said besides, see `fit_remarks`.
+    """
+    if not optimum.is_credible:
+        estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=NO_PILOT)
+    tested = None if covariance is None else specification(optimum, recording, covariance, against)
+    return replace(
+        estimate,
+        specification=tested,
+        iterations=optimum.iterations,
+        starts=optimum.starts,
+        remnant=optimum.remnant,
+        band=optimum.band_of(recording),
+        remarks=(*(tested.remarks if tested else ()), *remarks),
+    )
+
+
+def specification(
+    optimum: Optimum, recording: Recording, covariance: FloatArray, against: str
+) -> Specification | None:
+    """The optimum tested against a consistent estimate: the forcing lines, or else instruments.
+
+    Parameters
+    ----------
+    optimum, recording, covariance, against
+        As for `with_verdict`.
     """
     enough = recording.runs * recording.duration >= ESTIMATE.tested_from
-    model, values, covariance = estimate.model, estimate.values, estimate.covariance
+    model, values = optimum.joint.prediction.model, optimum.pilot
     free = np.flatnonzero(~is_at_bound(model, values))
     if not enough or not free.size:
         return None

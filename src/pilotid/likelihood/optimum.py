@@ -67,7 +67,7 @@ class PilotCheck:
         }
         self._least = {in_loop: MIN_VAF_RATIO * share for in_loop, share in shares.items()}
         #: Whether a slow remnant hides what the lines' pilot explains as it is simulated.
-        self._hidden = shares[False] <= 0.0 < shares[True]
+        self._hidden = shares[False] <= 0.0 < shares[True] and not self._at_bound(lines).any()
 
     def explained(self, sets: FloatArray, *, in_loop: bool = False) -> FloatArray:
         """Share of the control that parameters explain, shape (sets,).
@@ -99,10 +99,13 @@ class PilotCheck:
         explained = self.explained(pilots, in_loop=in_loop)
         passed = (explained > 0.0) & (explained >= self._least[in_loop])
         if in_loop:
-            passed &= ~is_at_bound(model, pilots).any(axis=1)
+            passed &= ~self._at_bound(pilots)
         if weighting is not None:
             passed &= are_stable(model, pilots, weighting.element)
         return np.asarray(passed)
+
+    def _at_bound(self, pilots: FloatArray) -> BoolArray:
+        return np.asarray(is_at_bound(self._coarse.model, pilots).any(axis=1))
 
     def which(self, ends: Minima) -> IntArray:
         """Indices of the ends that pass, of all if none does."""

@@ -17,7 +17,7 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, Popen
-from threading import get_ident
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,7 @@ for path in map(eval, sys.stdin):
     pickle.dump(content, sys.stdout.buffer)
     sys.stdout.flush()
 """
+LOCK = Lock()
 NOTES = "pilotid"  # the struct variable that holds what a CSV's sidecar holds
 OBJECT = {"<object: save it as matrices>": None}  # tables, time series
 
@@ -154,8 +155,8 @@ def _in_hdf5(entry: Any) -> Any:
 
 
 @cache
-def _reader(process: int, thread: int) -> Any:
-    """The process that reads for a thread; what was forked has others."""
+def _reader(owner: int) -> Any:
+    """The process that reads for the one with this id; one that was forked has another."""
     command = [sys.executable, "-PWignore", "-c", READER]
     reader = Popen(command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL)
     atexit.register(reader.communicate)  # it ends when its input does
@@ -164,16 +165,17 @@ def _reader(process: int, thread: int) -> Any:
 
 def _loaded(path: Path) -> dict[str, Any]:
     """The variables that scipy reads of a file."""
-    reader = _reader(os.getpid(), get_ident())
-    try:
-        reader.stdin.write(f"{str(path.absolute())!a}\n".encode())
-        reader.stdin.flush()
-        content: dict[str, Any] | Exception = pickle.load(reader.stdout)
-    except BaseException:  # the next answer must not be this one
-        _reader.cache_clear()
-        reader.kill()
-        reader.communicate()
-        raise
+    with LOCK:
+        reader = _reader(os.getpid())
+        try:
+            reader.stdin.write(f"{str(path.absolute())!a}\n".encode())
+            reader.stdin.flush()
+            content: dict[str, Any] | Exception = pickle.load(reader.stdout)
+        except BaseException:  # the next answer must not be this one
+            _reader.cache_clear()
+            reader.kill()
+            reader.communicate()
+            raise
     if isinstance(content, Exception):
         raise content
     return content
