@@ -8,7 +8,6 @@ notice, or else the one of the smallest Bayesian information criterion.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -93,24 +92,11 @@ def _is_steerable(fit: FormFit) -> bool:
 
 
 def rounded(values: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Numbers with no more digits than their errors allow; the last, the delay, is not negative.
-
-    One after the other, from the last on, is rounded as far as its standard error goes; those
-    before it move along as their correlation asks, so that the whole stays as likely.
-    """
-    new, left = values.copy(), covariance.copy()
-    for i in reversed(range(len(new))):
-        value, error = float(new[i]), math.sqrt(max(left[i, i], 1e-300))
-        goal = _short(value, error)
-        if i == len(new) - 1 and value <= error:
-            goal = 0.0
-        # The offset between channels is no part of the element, and stays where it is.
-        offset = i == len(new) - 1 and value < 0.0
-        slope = left[:i, i] / error**2
-        new[:i] += 0.0 if offset else slope * (goal - value)
-        left[:i, :i] -= np.outer(slope, left[:i, i])
-        new[i] = goal
-    return new
+    """Each number as short as its error allows, the others held; the last, a delay, or none."""
+    held = 1.0 / np.sqrt(np.diag(np.linalg.inv(covariance)))
+    every = [_short(*pair) for pair in zip(values.tolist(), held.tolist(), strict=True)]
+    # An offset between the recorder's channels, which may be negative, is no part of the element.
+    return np.array([*every[:-1], every[-1] if values[-1] > held[-1] else 0.0])
 
 
 def _short(value: float, error: float) -> float:
@@ -246,13 +232,10 @@ def differs(
         ratio = given.response(OMEGA) / other.response(OMEGA)
         if float(np.sqrt(np.mean(np.abs(ratio - 1.0) ** 2))) <= ELEMENT.different:
             return None
-    middle = int(np.argmin(np.abs(OMEGA - 2.0)))
-    gain, phase = np.abs(ratio[middle]), np.nan_to_num(np.angle(ratio[middle], deg=True))
     return Remark(
         "element-differs",
         f"the controlled element {what} is {given.name or 'another'}, but {by} "
-        f"{other.name or 'another'}: at {OMEGA[middle]:.2g} rad/s their gains are as {gain:.3g} to "
-        f"1 and their phases {round(float(phase)):d} deg apart; margins with the wrong one mislead",
+        f"{other.name or 'another'}; margins with the wrong one mislead",
     )
 
 

@@ -19,7 +19,7 @@ DIFFERENCE = 1e-7  # relative step of the differences
 
 @dataclass(frozen=True)
 class Form:
-    """K (s + z) e^{-delay s} / (s^k (s^d + a1 s^(d-1) + ..) (1 + s/b)^2), or parts of it.
+    """K (s + z) e^{-delay s} / (s^k (s^d + a1 s^(d-1) + ..)), with a zero or without.
 
     Attributes
     ----------
@@ -27,71 +27,60 @@ class Form:
         k.
     free
         Degree d of the free polynomial.
-    lags
-        Whether there are two equal lags.
     zero
         Whether there is a zero.
     """
 
     integrators: int
     free: int = 0
-    lags: bool = False
     zero: bool = False
 
     @property
     def size(self) -> int:
-        """Number of its parameters: K, z, a1 and on, b and the delay, those that it has."""
-        return 2 + self.zero + self.free + self.lags
+        """Number of its parameters: K, z if it has a zero, a1 and on, and the delay."""
+        return 2 + self.zero + self.free
 
     def polynomials(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Numerator and denominator, highest power first."""
         begin = 1 + self.zero
-        bottom = np.array([1.0, *values[begin : begin + self.free]])
-        if self.lags:
-            bottom = np.convolve(bottom, [1.0 / values[-2] ** 2, 2.0 / values[-2], 1.0])
         top = values[0] * np.array([1.0, *values[1:begin]])
-        return top, np.concatenate([bottom, np.zeros(self.integrators)])
-
-    def response(self, values: FloatArray, omega: FloatArray) -> ComplexArray:
-        """Frequency response at `omega` [rad/s], shape (n,)."""
-        top, bottom = (np.polyval(p, 1j * omega) for p in self.polynomials(values))
-        return np.asarray(top / bottom * np.exp(-1j * omega * values[-1]))
+        return top, np.array([1.0, *values[begin:-1], *np.zeros(self.integrators)])
 
     def response_error(
         self, values: FloatArray, covariance: FloatArray, omega: FloatArray
     ) -> FloatArray:
-        """Relative standard error of the frequency response, shape (n,)."""
-        response = self.response(values, omega)
-        slopes = differences(lambda v: self.response(v, omega), values, response) / response
-        power = np.einsum("in,ij,jn->n", slopes.conj(), covariance, slopes)
-        return np.asarray(np.sqrt(np.abs(power)))
+        """Relative standard error of the frequency response at `omega` [rad/s], shape (n,)."""
+        s, (_, bottom) = 1j * omega, self.polynomials(values)
+        powers = range(self.integrators + self.free - 1, self.integrators - 1, -1)
+        # Derivatives of the logarithm of the response by each value.
+        slopes = np.array(
+            [
+                np.full(s.shape, 1.0 / values[0]),
+                *(1.0 / (s + zero) for zero in values[1 : 1 + self.zero]),
+                *(-(s**power) / np.polyval(bottom, s) for power in powers),
+                -s,
+            ]
+        )
+        variance = np.einsum("in,ij,jn->n", slopes.conj(), covariance, slopes)
+        return np.asarray(np.sqrt(np.abs(variance)))
 
     def name(self, values: FloatArray) -> str:
         """Its text with numbers, which `element_named` reads; the delay is not negative."""
         powers = ["", "s", "s^2", "s^3"]
-        gain, *signed, delay = (_number(v, i > 0) for i, v in enumerate(values.tolist()))
+        gain, *signed, delay = (f"{value:{'+' if i else ''}.6g}" for i, value in enumerate(values))
         zero = f"(s{signed.pop(0)})" if self.zero else ""
-        terms = [f"{a}{powers[self.free - n]}" for n, a in enumerate(signed[: self.free], 1)]
+        terms = [f"{a}{powers[self.free - n]}" for n, a in enumerate(signed, 1)]
         free = f"({powers[self.free]}{''.join(terms)})" if self.free else ""
-        lags = f"(1+s/{signed[-1][1:]})^2" if self.lags else ""
-        bottom = powers[self.integrators] + free + lags
-        if lags or (self.integrators and free):
+        bottom = powers[self.integrators] + free
+        if self.integrators and free:
             bottom = f"({bottom})"
         late = f"exp(-{delay[1:]}s)" if values[-1] else ""
         return f"{gain}{zero}{late}" + (bottom and f"/{bottom}")
 
 
-def _number(value: float, sign: bool) -> str:
-    """A number, with an exponent where it would be long."""
-    if value and not 1e-9 < abs(value) < 1e10:
-        return f"{value:{'+' if sign else '-'}.6g}"
-    return np.format_float_positional(value, trim="-", sign=sign)
-
-
-#: By k, d, lags and zero, from the fewest parameters on.
+#: By k, d and zero, from the fewest parameters on.
 FORMS = [
     *(Form(k, d) for d in range(4) for k in range(min(3, 4 - d))),
-    *(Form(k, d, lags=True) for k, d in ((0, 0), (1, 0), (2, 0), (0, 1), (0, 2))),
     *(Form(k, d, zero=True) for k, d in ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2), (1, 2), (0, 3))),
 ]
 FORMS.sort(key=lambda form: form.size)
@@ -106,8 +95,8 @@ OBSERVATIONS = 10.0  # independent observations from which a level of noise is t
 ITERATIONS = 25
 LAST_GAIN = 0.03  # of -2 log-likelihood that the last step gains
 LONGEST_DELAY = 0.6  # s, of a delay
-EARLIEST_DELAY = -0.15  # s: x may be stored that much ahead of u
 SHORT_DELAY = 0.05  # s, of a delay that a search from none may miss with a simpler form
+EARLIEST_DELAY = -0.15  # s: x may be stored that much ahead of u
 #: The spectrum of the window sin^4(pi t/T), at multiples of 2 pi / T: its derivatives up to the
 #: third vanish at the ends, enough for equations of order 4.
 WINDOW = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 16.0
@@ -237,25 +226,17 @@ def differences(
 
 def _start(spectra: Spectra, form: Form, delay: float) -> FloatArray:
     """By linear least squares, the equation divided by the last denominator."""
-    s, degree = 1j * spectra.omega, form.free + 2 * form.lags
-    *outputs, goal = spectra.output[form.integrators : form.integrators + degree + 1]
+    s = 1j * spectra.omega
+    *outputs, goal = spectra.output[form.integrators : form.integrators + form.free + 1]
     inputs = [spectra.answer(np.eye(1 + n)[0], delay) for n in range(form.zero, -1, -1)]
     rows = np.array([*inputs, *(-output for output in reversed(outputs)), goal])
-    below = (1.0 + s / 3.0) ** degree * s**form.integrators
-    for _ in range(5 if degree else 1):
+    below = (1.0 + s / 3.0) ** form.free * s**form.integrators
+    for _ in range(5 if form.free else 1):
         weighted = rows / (np.sqrt(spectra.size)[spectra.fine] * np.abs(below))
         table = np.concatenate([weighted.real, weighted.imag], axis=1)
         top, free = np.split(np.linalg.lstsq(table[:-1].T, table[-1])[0], [1 + form.zero])
         below = np.polyval([1.0, *free], s) * s**form.integrators
-    parts = [top[:1], top[1:] / top[0], free]
-    if form.lags:
-        # Of the polynomial's roots the two that are most alike become the lags.
-        roots = sorted(np.roots([1.0, *free]), key=abs)
-        pair = min(range(len(roots) - 1), key=lambda n: abs(roots[n + 1] / roots[n]))
-        square = abs(roots.pop(pair) * roots.pop(pair))
-        others = np.atleast_1d(np.real(np.poly(roots)))[1:]
-        parts = [top[:1] / square, parts[1], others, np.sqrt([square])]
-    return np.concatenate([*parts, [delay]])
+    return np.concatenate([top[:1], top[1:] / top[0], free, [delay]])
 
 
 def fitted_form(spectra: Spectra, form: Form, delay: float = 0.0) -> FormFit:
@@ -307,7 +288,7 @@ def fitted_form(spectra: Spectra, form: Form, delay: float = 0.0) -> FormFit:
     covariance = np.asarray(np.linalg.inv(information)) / (2.0 * INDEPENDENT)
     criterion = spectra.cost(level) + form.size * float(np.log(2.0 * spectra.count.sum()))
     finite = np.isfinite([criterion, *values]).all() and (np.diag(covariance) > 0.0).all()
-    if not finite or (form.lags and values[-2] <= 0.0):
+    if not finite:
         raise np.linalg.LinAlgError
     unit = np.array([spectra.gain, *np.ones(form.size - 1)])
     unexplained = power(left, spectra.fine) / spectra.size
@@ -358,39 +339,6 @@ def _bands(omega: FloatArray, fewest: float) -> IntArray:
     return np.searchsorted(edges[1:], omega, side="right")
 
 
-def forms_fitted(spectra: Spectra) -> list[FormFit]:
-    """Forms from the simplest on, up to where one describes the recording.
-
-    Noise in v, such as fast remnant that sampling folds down, makes the response smaller by the
-    share of x that nothing explains.
-    """
-    fits = _pass(spectra, FORMS)
-    if not fits:
-        return []
-    best = simplest(fits)
-    doubtful = np.where(best.unexplained > NOISY, best.unexplained, 0.0)
-    noisy = doubtful.any() and best.explained >= ELEMENT.sound
-    if noisy and not np.any(spectra.doubtful):
-        return forms_fitted(replace(spectra, doubtful=doubtful))
-    if best.values[-1] > SHORT_DELAY:
-        simpler = [form for form in FORMS if form.size < best.form.size]
-        fits += _pass(spectra, simpler, float(best.values[-1]))
-    # Of each form the best.
-    fits.sort(key=lambda fit: fit.criterion)
-    return list({fit.form: fit for fit in reversed(fits)}.values())
-
-
-def _pass(spectra: Spectra, forms: Sequence[Form], delay: float = 0.0) -> list[FormFit]:
-    fits: list[FormFit] = []
-    for form in forms:
-        good = (f for f in fits if f.unexplained.max() <= UNNOTICED**2)
-        if any(fit.form.size < form.size for fit in good):
-            break
-        with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
-            fits.append(fitted_form(spectra, form, delay))
-    return fits
-
-
 def simplest(fits: Sequence[FormFit]) -> FormFit:
     """Of the fits that nobody would tell from the best, the one with the fewest parameters."""
     best = min(fits, key=lambda f: f.criterion)
@@ -412,5 +360,29 @@ def drive_of(recording: Recording) -> FloatArray:
 
 @remembered
 def fits_of(recording: Recording) -> tuple[FormFit, ...]:
-    """The forms fitted to the measurement window of a recording."""
-    return tuple(forms_fitted(spectra_in_window(recording)))
+    """Forms fitted to the measurement window of a recording.
+
+    Noise in v, such as fast remnant that sampling folds down, makes the response smaller by the
+    share of x that nothing explains.
+    """
+    spectra = spectra_in_window(recording)
+    fits = _fits(spectra, 0.0)
+    if fits and (best := simplest(fits)).explained >= ELEMENT.sound:
+        doubtful = np.where(best.unexplained > NOISY, best.unexplained, 0.0)
+        if doubtful.any():
+            spectra = replace(spectra, doubtful=doubtful)
+            fits = _fits(spectra, 0.0)
+    delay = float(simplest(fits).values[-1]) if fits else 0.0
+    return (*fits, *(_fits(spectra, delay) if delay > SHORT_DELAY else ()))
+
+
+def _fits(spectra: Spectra, delay: float) -> list[FormFit]:
+    """Forms from the simplest on, up to where one describes the recording."""
+    fits: list[FormFit] = []
+    for form in FORMS:
+        good = (f for f in fits if f.unexplained.max() <= UNNOTICED**2)
+        if any(fit.form.size < form.size for fit in good):
+            break
+        with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
+            fits.append(fitted_form(spectra, form, delay))
+    return fits
