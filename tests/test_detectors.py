@@ -374,6 +374,10 @@ def test_one_run_of_another_gain_is_named_and_nothing_else() -> None:
     told = [*remarks(in_run(sound, 1, "u times 1.2"))]
     assert [r.code for r in told] == ["wrong-unit"]
     assert told[0].startswith("run 2: ")
+    two = [*remarks(in_run(in_run(sound, 1, "u times 1.2"), 2, "u late 100 ms"))]
+    assert [r.code for r in two] == ["late-signal", "wrong-unit"]
+    assert two[0].startswith("run 3: ")
+    assert two[1].startswith("run 2: ")
     scaled = replace(sound, fd=1.1 * sound.input("fd"))
     assert [r.code for r in remarks(scaled)] == ["wrong-unit"]
 

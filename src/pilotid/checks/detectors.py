@@ -262,17 +262,20 @@ class _Look:
 
     def _of_some_runs(self) -> Iterator[Finding]:
         """Times and gains of u and fd that are wrong in some runs alone."""
-        every = range(1, self.recording.runs + 1)
-        looks = [_Look(of_runs(self.recording, [run], f"run {run}")) for run in every]
-        told = {run: list(look.against_forcing()) for run, look in zip(every, looks, strict=True)}
-        wrong = [run for run, faults in told.items() if faults]
-        if len(wrong) == len(every):
+        told: dict[tuple[str, str], dict[int, Finding]] = {}
+        wrong = set()
+        for run in range(1, self.recording.runs + 1):
+            for fault in _Look(of_runs(self.recording, [run], f"run {run}")).against_forcing():
+                told.setdefault((fault.code, fault.signal), {})[run] = fault
+                wrong.add(run)
+        if len(wrong) == self.recording.runs:
             return  # which all of them together tell best
-        words = f"run {', '.join(map(str, wrong))}"
-        for fault in told[wrong[0]] if wrong else ():
-            what = fault.sentence.partition("; ")[0]
-            cure = f"mend {words} in the file, or leave {words} out with --runs"
-            yield replace(fault, sentence=f"{words}: {what}; {cure}")
+        for faults in told.values():
+            each = [f"run {run}: {f.sentence.partition('; ')[0]}" for run, f in faults.items()]
+            runs = f"run {', '.join(map(str, faults))}"
+            cure = f"mend {runs} in the file, or leave {runs} out with --runs"
+            first = next(iter(faults.values()))
+            yield replace(first, sentence="; ".join([*each, cure]))
 
     def against_forcing(self) -> Iterator[Finding]:
         """Times and gains of u and fd against one another, whatever the element is."""

@@ -78,12 +78,16 @@ class Form:
         return f"{gain}{zero}{late}" + (bottom and f"/{bottom}")
 
 
-#: By k, d and zero, from the fewest parameters on.
-FORMS = [
-    *(Form(k, d) for d in range(4) for k in range(min(3, 4 - d))),
-    *(Form(k, d, zero=True) for k, d in ((1, 0), (2, 0), (0, 1), (1, 1), (0, 2), (1, 2), (0, 3))),
-]
-FORMS.sort(key=lambda form: form.size)
+#: Those of up to three poles, from the fewest parameters on.
+FORMS = sorted(
+    (
+        Form(k, d, zero)
+        for k in range(3)
+        for d in range(4 - k)
+        for zero in (False, True)[: k + d + 1]
+    ),
+    key=lambda form: form.size,
+)
 
 
 #: Relative error below which two responses count as one: nobody misses it, and few recordings
