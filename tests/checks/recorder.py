@@ -32,16 +32,20 @@ from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.remarks import remark_of
 from pilotid.support.types import FloatArray, InputError
 
-Fault = Callable[[Recording, np.random.Generator], Recording]
+Rng = np.random.Generator
+Fault = Callable[[Recording, Rng], Recording]
 ALL = ("e", "u", "x", "ft", "fd")
 
 
-def each(names: tuple[str, ...], change: Callable[[FloatArray, Recording], FloatArray]) -> Fault:
-    """A fault that changes some signals alike."""
+def each(
+    names: tuple[str, ...],
+    change: Callable[[FloatArray, Recording, Rng], FloatArray],
+) -> Fault:
+    """A fault that changes some signals, one after the other."""
 
-    def fault(recording: Recording, _: np.random.Generator) -> Recording:
+    def fault(recording: Recording, rng: Rng) -> Recording:
         there = {n: getattr(recording, n) for n in names}
-        changed = {n: change(s, recording) for n, s in there.items() if s is not None}
+        changed = {n: change(s, recording, rng) for n, s in there.items() if s is not None}
         return replace(recording, **changed)
 
     return fault
@@ -50,7 +54,7 @@ def each(names: tuple[str, ...], change: Callable[[FloatArray, Recording], Float
 def late(seconds: float, *names: str) -> Fault:
     """Signals so much late, between the samples by interpolation of the spectrum."""
 
-    def change(signal: FloatArray, recording: Recording) -> FloatArray:
+    def change(signal: FloatArray, recording: Recording, _: Rng) -> FloatArray:
         odd = np.concatenate([signal, 2 * signal[:, -1:] - signal[:, ::-1]], axis=1)
         trend = np.linspace(0.0, 1.0, odd.shape[1]) * (odd[:, -1:] - odd[:, :1])
         omega = 2.0 * np.pi * np.fft.rfftfreq(odd.shape[1], recording.dt)
@@ -62,11 +66,11 @@ def late(seconds: float, *names: str) -> Fault:
 
 
 def samples_late(count: int, *names: str) -> Fault:
-    return each(names, lambda s, _: np.concatenate([s[:, :1]] * count + [s[:, :-count]], axis=1))
+    return each(names, lambda s, *_: np.concatenate([s[:, :1]] * count + [s[:, :-count]], axis=1))
 
 
 def filtered(order: int, hertz: float, *names: str, causal: bool = False) -> Fault:
-    def change(signal: FloatArray, recording: Recording) -> FloatArray:
+    def change(signal: FloatArray, recording: Recording, _: Rng) -> FloatArray:
         sections = butter(order, hertz, fs=1.0 / recording.dt, output="sos")
         if not causal:
             return np.asarray(sosfiltfilt(sections, signal, axis=1))
@@ -77,7 +81,7 @@ def filtered(order: int, hertz: float, *names: str, causal: bool = False) -> Fau
 
 
 def averaged(count: int, *names: str, causal: bool = False) -> Fault:
-    def change(signal: FloatArray, _: Recording) -> FloatArray:
+    def change(signal: FloatArray, _: Recording, __: Rng) -> FloatArray:
         padded = np.pad(signal, ((0, 0), (count, count)), mode="edge")
         found = lfilter(np.ones(count) / count, 1.0, padded, axis=1)
         ahead = 0 if causal else count // 2
@@ -87,7 +91,7 @@ def averaged(count: int, *names: str, causal: bool = False) -> Fault:
 
 
 def resampled(count: int, how: str, *names: str) -> Fault:
-    def change(signal: FloatArray, _: Recording) -> FloatArray:
+    def change(signal: FloatArray, _: Recording, __: Rng) -> FloatArray:
         samples = np.arange(signal.shape[1])
         if how == "held":
             return np.asarray(signal[:, samples // count * count])
@@ -103,15 +107,15 @@ def resampled(count: int, how: str, *names: str) -> Fault:
 def noisy(share: float, *names: str, made: bool = False) -> Fault:
     """White noise of a share of the rms; the error made of the noisy output if `made`."""
 
-    def fault(recording: Recording, rng: np.random.Generator) -> Recording:
-        changed = {}
-        for name in names:
-            signal = getattr(recording, name)
-            changed[name] = signal + share * np.std(signal) * rng.standard_normal(signal.shape)
-        found = replace(recording, **changed)
-        return replace(found, e=target(recording) - found.x) if made else found
+    def change(signal: FloatArray, _: Recording, rng: Rng) -> FloatArray:
+        return signal + share * np.std(signal) * rng.standard_normal(signal.shape)
 
-    return fault
+    added = each(names, change)
+    return together(added, _error_made) if made else added
+
+
+def _error_made(recording: Recording, _: Rng) -> Recording:
+    return replace(recording, e=target(recording) - recording.x)
 
 
 def target(recording: Recording) -> FloatArray:
@@ -121,7 +125,7 @@ def target(recording: Recording) -> FloatArray:
 def rounded(size: float, *names: str, of: str = "peak") -> Fault:
     """Steps of a share of the signal's peak, or of the unit."""
 
-    def change(signal: FloatArray, _: Recording) -> FloatArray:
+    def change(signal: FloatArray, _: Recording, __: Rng) -> FloatArray:
         step = size * (float(np.abs(signal).max()) if of == "peak" else 1.0)
         return np.asarray(step * np.round(signal / (step or 1.0)))
 
@@ -131,7 +135,7 @@ def rounded(size: float, *names: str, of: str = "peak") -> Fault:
 def lost(share: float, *names: str, how: str = "previous") -> Fault:
     """Samples, the same of all signals, replaced by the one before or by interpolation."""
 
-    def fault(recording: Recording, rng: np.random.Generator) -> Recording:
+    def fault(recording: Recording, rng: Rng) -> Recording:
         gone = rng.random(recording.u.shape[1]) < share
         gone[[0, -1]] = False
         gone[rng.integers(recording.run_in + 100, gone.size - 100)] = True
@@ -153,22 +157,18 @@ def lost(share: float, *names: str, how: str = "previous") -> Fault:
 
 
 def spiked(size: float, *names: str) -> Fault:
-    def fault(recording: Recording, rng: np.random.Generator) -> Recording:
-        changed = {}
-        for name in names:
-            signal = getattr(recording, name).copy()
-            at = rng.integers(recording.run_in, signal.shape[1], 3)
-            signal[:, at] += size * np.std(signal) * rng.choice([-1.0, 1.0], 3)
-            changed[name] = signal
-        return replace(recording, **changed)
+    def change(signal: FloatArray, recording: Recording, rng: Rng) -> FloatArray:
+        spiked, at = signal.copy(), rng.integers(recording.run_in, signal.shape[1], 3)
+        spiked[:, at] += size * np.std(signal) * rng.choice([-1.0, 1.0], 3)
+        return spiked
 
-    return fault
+    return each(names, change)
 
 
 def rows_dropped(count: int) -> Fault:
     """Rows missing from the file, its times made anew."""
 
-    def fault(recording: Recording, rng: np.random.Generator) -> Recording:
+    def fault(recording: Recording, rng: Rng) -> Recording:
         total = recording.u.shape[1]
         gone = rng.choice(np.arange(recording.run_in + 50, total - 50), count, replace=False)
         kept = np.delete(np.arange(total), gone)
@@ -181,11 +181,11 @@ def rows_dropped(count: int) -> Fault:
 
 
 def times(factor: float, name: str) -> Fault:
-    return each((name,), lambda s, _: factor * s)
+    return each((name,), lambda s, *_: factor * s)
 
 
 def together(*faults: Fault) -> Fault:
-    def fault(recording: Recording, rng: np.random.Generator) -> Recording:
+    def fault(recording: Recording, rng: Rng) -> Recording:
         for one in faults:
             recording = one(recording, rng)
         return recording
@@ -196,7 +196,7 @@ def together(*faults: Fault) -> Fault:
 def gap(seconds: float, how: str, *names: str) -> Fault:
     """A stretch of signals that is zero, the last value, or a straight line."""
 
-    def fault(recording: Recording, rng: np.random.Generator) -> Recording:
+    def fault(recording: Recording, rng: Rng) -> Recording:
         length = round(seconds / recording.dt)
         first = int(rng.integers(recording.run_in + 100, recording.u.shape[1] - length - 100))
         along = np.linspace(0.0, 1.0, length + 2)[1:-1]
@@ -212,41 +212,16 @@ def gap(seconds: float, how: str, *names: str) -> Fault:
     return fault
 
 
-def some(share: float, how: str, name: str) -> Fault:
-    """A share of the samples of a signal is zero, or the one before."""
-
-    def fault(recording: Recording, rng: np.random.Generator) -> Recording:
-        signal = getattr(recording, name)
-        gone = rng.random(signal.shape) < share
-        gone[:, 0] = False
-        if how == "zero":
-            return replace(recording, **{name: np.where(gone, 0.0, signal)})
-        last = np.maximum.accumulate(np.where(gone, 0, np.arange(signal.shape[1])), axis=1)
-        return replace(recording, **{name: np.take_along_axis(signal, last, axis=1)})
-
-    return fault
-
-
-def named(fault: Fault) -> Fault:
-    """The same where the element of `nominal` and `single` is named."""
-    return lambda recording, rng: replace(fault(recording, rng), controlled_element="4/s^2")
-
-
-def _includes_fd(recording: Recording, _: np.random.Generator) -> Recording:
+def _includes_fd(recording: Recording, _: Rng) -> Recording:
     return recording if recording.fd is None else replace(recording, u=recording.u + recording.fd)
 
 
-def _made_of_filtered_output(recording: Recording, rng: np.random.Generator) -> Recording:
-    x = filtered(2, 5.0, "x", causal=True)(recording, rng).x
-    return replace(recording, x=x, e=target(recording) - x)
-
-
-def _copied(recording: Recording, _: np.random.Generator) -> Recording:
+def _copied(recording: Recording, _: Rng) -> Recording:
     rows = {n: np.concatenate([s, s]) for n in ALL if (s := getattr(recording, n)) is not None}
     return replace(recording, **rows)
 
 
-def with_zero(rng: np.random.Generator) -> Scenario:
+def with_zero(rng: Rng) -> Scenario:
     """A pilot in front of an element with a zero."""
     while True:
         z, a, b = (round(float(v), 2) for v in rng.uniform((0.5, 1.5, 4.0), (3.0, 4.0, 15.0)))
@@ -301,7 +276,7 @@ FAULTS: dict[str, Fault] = {
     **{f"u causal {h:g} Hz": filtered(4, h, "u", causal=True) for h in (2, 5, 10)},
     "u causal 2nd order 5 Hz": filtered(2, 5.0, "u", causal=True),
     "e, x, ft causal 5 Hz": filtered(4, 5.0, "e", "x", "ft", causal=True),
-    "e = ft - filtered x": _made_of_filtered_output,
+    "e = ft - filtered x": together(filtered(2, 5.0, "x", causal=True), _error_made),
     "u mean of 5": averaged(5, "u", causal=True),
     "u centred mean of 5": averaged(5, "u"),
     "u centred mean of 11": averaged(11, "u"),
