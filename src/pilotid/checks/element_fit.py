@@ -174,6 +174,8 @@ def chosen_element(
     given
         The user's element, or its text, if any.
     """
+    if not given and (confirmed := confirmed_element(recording)):
+        return ElementChoice(confirmed, FILE)
     given = as_element(given) if given else None
     identified = identified_element(recording)
     named = parsed_element(recording.controlled_element)
@@ -210,8 +212,7 @@ def confirmed_element(recording: Recording) -> ControlledElement | None:
 @remembered
 def recording_remarks(recording: Recording) -> tuple[Remark, ...]:
     """What is wrong with a recording, and with the element that it names."""
-    others = () if confirmed_element(recording) else chosen_element(recording).remarks
-    return (*remarks(recording), *others)
+    return (*remarks(recording), *chosen_element(recording).remarks)
 
 
 def differs(
@@ -245,8 +246,6 @@ def closing_element(recording: Recording) -> tuple[ControlledElement | None, flo
 
     The one that the recording names, unless its signals show another one; None if none is known.
     """
-    if confirmed := confirmed_element(recording):
-        return confirmed, 0.0
     choice = chosen_element(recording)
     if choice.origin == SIGNALS or choice.remarks:
         identified = identified_element(recording)
