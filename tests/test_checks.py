@@ -12,6 +12,7 @@ import pytest
 from helpers import PILOTS
 
 from pilotid.checks.checks import remarks
+from pilotid.checks.detectors import band_end, findings
 from pilotid.checks.element_fit import SIGNALS, chosen_element
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.method import identify
@@ -123,7 +124,7 @@ PLANTED: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
     "sign of e": (lambda r: replace(r, e=-r.e), "wrong-sign", "e"),
     "sign of x": (lambda r: replace(r, x=-r.x), "wrong-sign", "x"),
     "e and x exchanged": (lambda r: replace(r, e=r.x, x=r.e), "exchanged", ""),
-    "x in radians": (lambda r: replace(r, x=np.deg2rad(r.x)), "wrong-unit", "x"),
+    "x in radians": (lambda r: replace(r, x=np.deg2rad(r.x)), "wrong-unit", "x=57.2958"),
     "x in radians, no target": (
         lambda r: replace(without(r, "ft"), x=np.deg2rad(r.x)),
         "wrong-unit",
@@ -187,7 +188,10 @@ FAULTS: dict[str, tuple[Callable[[Recording], Recording], str]] = {
     "sign of x": (lambda r: turned(r, "x"), "run 2: e is not ft - x: x has the wrong sign; mend"),
     "radians": (lambda r: replace(r, fd=np.deg2rad(r.fd)), "use --map fd=57.2958*fd"),
     "degrees": (lambda r: replace(r, fd=np.rad2deg(r.fd)), "use --map fd=0.0174533*fd"),
-    "gain": (lambda r: replace(r, fd=-r.fd / 3.49), "use --map fd=-3.49*fd"),
+    "gain": (
+        lambda r: replace(r, fd=-r.fd / 3.49, origin={**r.origin, "fd": "d"}),
+        "use --map fd=-3.49*d",
+    ),
     "late": (lambda r: delayed(r, 0.2), "u is 200 ms late against fd"),
     "early": (lambda r: delayed(r, -0.2), "u is 200 ms early against fd"),
     "steps": (stepped, "u has steps of"),
@@ -230,7 +234,9 @@ def test_a_control_that_comes_far_too_late_is_named_by_the_fit() -> None:
 @pytest.mark.parametrize("name", SOUND)
 def test_sound_recordings_have_no_remarks(name: str) -> None:
     for seed in range(500, 500 + RECORDINGS):
-        assert remarks(recording_of(name, seed)) == ()
+        recording = recording_of(name, seed)
+        assert remarks(recording) == findings(recording) == ()
+        assert band_end(recording) == np.inf
 
 
 @pytest.mark.long

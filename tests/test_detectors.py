@@ -86,14 +86,6 @@ def test_a_fault_is_named_with_its_size(
     assert found.sentence.startswith((signal, "runs ", "x answers"))
 
 
-@pytest.mark.parametrize("name", ["nominal", "single", "white-remnant", "target-only"])
-def test_sound_recordings_have_no_findings(name: str) -> None:
-    for seed in range(5):
-        recording = recording_of(name, seed)
-        assert findings(recording) == ()
-        assert band_end(recording) == math.inf
-
-
 def test_a_shift_explains_that_the_error_is_not_target_less_output() -> None:
     codes = [r.code for r in remarks(faulty("e late a sample"))]
     assert "not-the-error" not in codes
@@ -134,16 +126,6 @@ def test_the_third_run_that_copies_the_first_is_named() -> None:
     assert not [f for f in findings(runs) if f.code == "copied-run"]
     found = of(replace(runs, u=runs.u[[0, 1, 0]]), "u", "copied-run")
     assert "runs 1 and 3" in found.sentence
-
-
-def test_gains_and_units_that_differ_are_mended_by_what_is_said() -> None:
-    sound = recording_of("nominal", 3)
-    wrong = replace(sound, fd=-sound.fd / 3.49, origin={"fd": "d"})
-    found = of(wrong, "u", "wrong-unit")
-    assert found.size == pytest.approx(-3.49, rel=0.02)
-    assert f"--map fd={found.size:.3g}*d" in found.sentence
-    (remark,) = (r for r in remarks(replace(sound, x=sound.x / 57.2958)) if r.code == "wrong-unit")
-    assert "--map x=57.2958*x" in remark
 
 
 def test_a_target_that_jumps_is_no_slow_recorder() -> None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -82,9 +83,8 @@ class Form:
 FORMS = sorted(
     (
         Form(k, d, zero)
-        for k in range(3)
-        for d in range(4 - k)
-        for zero in (False, True)[: k + d + 1]
+        for k, d, zero in product(range(3), range(4), (False, True))
+        if zero <= k + d <= 3
     ),
     key=lambda form: form.size,
 )
