@@ -90,6 +90,8 @@ def test_what_a_method_raises_is_an_outcome_and_its_traceback_comes_if_asked(
     "call",
     [
         lambda: pilotid.design(minimise="foo"),
+        lambda: pilotid.compare(["single"], ["mle-white"], 0, out="c"),
+        lambda: pilotid.trust(RECORDING, "single", replications=0, out="c"),
         lambda: pilotid.identify("mle-white", 3, "single"),  # type: ignore[arg-type]
         lambda: pilotid.identify("mle-white", RECORDING, 3),  # type: ignore[arg-type]
         lambda: pilotid.simulate(3),  # type: ignore[arg-type]

@@ -156,6 +156,8 @@ class Study:
         _require_different("methods", self.labels)
         self.scenarios = tuple(scenario for scenario, _ in typed)
         self.methods = tuple(method for _, method, _ in tried)
+        if replications < 1:
+            raise InputError(f"replications {replications}: must be 1 or more")
         self.replications, self.seed = replications, seed
         # What to type for each again.
         self._typed = [text for _, text in typed], [text for *_, text in tried]
