@@ -14,14 +14,18 @@ import argparse
 import os
 import re
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from pandas import DataFrame
 from scipy.io import loadmat
 
 import pilotid
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.quantities import FrequencyResponse
+from pilotid.experiment.fits import predict_left_out
+from pilotid.methods import method_named
 from pilotid.methods.fourier import Fourier
 from pilotid.model.catalogue import MODELS, SLOW
 from pilotid.model.channel import Channel
@@ -99,7 +103,22 @@ def preview(folder: Path) -> str:
             for method in ("mle", "fourier"):
                 fit = pilotid.identify(recording, LED, method)
                 fits.append(_row(element, subject, method, *fitted(fit)))
-    return "\n".join([*shares, "", *fits])
+    return "\n".join([*shares, "", *fits, "", *left_out(folder)])
+
+
+def left_out(folder: Path) -> list[str]:
+    """Table of how well fits of all other runs predict each."""
+    lines = _head("element", "model", "subject", "VAF by mle", "by fourier", "log-likelihood more")
+    held = LOOK_AHEAD.with_fixed(fnm=10.5, dnm=0.35)
+    methods = {name: method_named(name) for name in ("mle", "fourier")}
+    for subject, (element, model) in product(SUBJECTS, [("fo", held), ("fo", LED), ("so", LED)]):
+        rows = DataFrame(
+            predict_left_out(preview_runs(folder, subject, element), model, methods, 1)
+        ).pivot(index="run", columns="method", values=["vaf", "log_likelihood"])
+        vaf, more = rows["vaf"].mean(), rows["log_likelihood"].diff(axis=1)["mle"].sum()
+        shown = [f"{vaf[name]:.1f} %" for name in methods]
+        lines.append(_row(element, model.name, subject, *shown, f"{more:.0f}"))
+    return lines
 
 
 def _head(*names: str) -> list[str]:
