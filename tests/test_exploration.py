@@ -169,7 +169,7 @@ IDLE = np.concatenate([[1e-3 * TRUTH[0]], TRUTH[1:3], [1e-3 * TRUTH[3]], TRUTH[4
 
 def following(known: FloatArray) -> PilotCheck:
     recording = simulate(NOMINAL, np.random.default_rng(1))
-    return PilotCheck(predict(recording, NOMINAL.model, 50.0).binned, known)
+    return PilotCheck(predict(recording, NOMINAL.model, 50.0).binned, known, known)
 
 
 def test_the_lines_alone_tell_the_pilot_where_there_is_no_remnant() -> None:

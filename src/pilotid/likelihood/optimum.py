@@ -56,9 +56,11 @@ class PilotCheck:
     lines
         The pilot fitted to the forcing functions' lines, shape (1, parameters); (0, parameters)
         where there are none.
+    candidates
+        Pilots that a search came upon, shape (candidates, parameters).
     """
 
-    def __init__(self, coarse: Prediction, lines: FloatArray) -> None:
+    def __init__(self, coarse: Prediction, lines: FloatArray, candidates: FloatArray) -> None:
         self._coarse = coarse
         self._total = float(np.sum(coarse.samples_of(coarse.control_spectrum) ** 2))
         shares = {
@@ -67,7 +69,11 @@ class PilotCheck:
         }
         self._least = {in_loop: MIN_VAF_RATIO * share for in_loop, share in shares.items()}
         #: Whether a slow remnant hides what the lines' pilot explains as it is simulated.
-        self._hidden = shares[False] <= 0.0 < shares[True] and not self._at_bound(lines).any()
+        self._hidden = shares[False] <= 0.0 < shares[True]
+        if self._hidden:  # but not where that pilot is none, or another is seen and explains more
+            better = self.explained(candidates) > 0.0
+            better &= self.explained(candidates, in_loop=True) >= shares[True]
+            self._hidden = not (better.any() or is_at_bound(coarse.model, lines).any())
 
     def explained(self, sets: FloatArray, *, in_loop: bool = False) -> FloatArray:
         """Share of the control that parameters explain, shape (sets,).
@@ -99,13 +105,10 @@ class PilotCheck:
         explained = self.explained(pilots, in_loop=in_loop)
         passed = (explained > 0.0) & (explained >= self._least[in_loop])
         if in_loop:
-            passed &= ~self._at_bound(pilots)
+            passed &= ~is_at_bound(model, pilots).any(axis=1)
         if weighting is not None:
             passed &= are_stable(model, pilots, weighting.element)
         return np.asarray(passed)
-
-    def _at_bound(self, pilots: FloatArray) -> BoolArray:
-        return np.asarray(is_at_bound(self._coarse.model, pilots).any(axis=1))
 
     def which(self, ends: Minima) -> IntArray:
         """Indices of the ends that pass, of all if none does."""

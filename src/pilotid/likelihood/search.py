@@ -308,7 +308,6 @@ def sweep(
     """
     coarse = first.joint.prediction.binned
     model, samples = coarse.model, coarse.samples
-    check = PilotCheck(coarse, lines)
     whitened = _whitened(coarse, Whitener(first.whitener))
     count = 0 if is_sound(model, lines) else CANDIDATES
     starts = _starts(model, first.pilot, rng, count)
@@ -320,6 +319,7 @@ def sweep(
     on = rough.values[[group[0] for group in met]]
     ends = minimise(whitened.gram, on, model, tolerance=1e-3, iterations=16, sort=False)
     sizes = np.array([len(group) for group in met])
+    check = PilotCheck(coarse, lines, ends.values)
     kept = check.which(ends)
     passed = ends.only(np.repeat(kept, sizes[kept])).best_first()
     # The whitening of the sweep favours the pilot that it is from.
