@@ -137,12 +137,11 @@ class Bayes(LikelihoodSettings):
             draws=draws,
         )
         # The likelihood is that of `mle`: the same speaks against it.
-        remarks = (
-            too_short(Likelihood(joint.prediction), values)
-            if white
-            else fit_remarks(optimum, recording, asked_for_band=self.loop)
-        )
-        tested = None if white else optimum.covariance
+        if white:
+            tested, remarks = None, too_short(Likelihood(joint.prediction), values)
+        else:
+            tested = optimum.covariance
+            remarks = fit_remarks(optimum, recording, asked_for_band=self.loop)
         estimate = with_verdict(estimate, optimum, recording, tested, "mle-reference", remarks)
         if estimate.outcome.usable and is_vague(estimate) and one_signal(recording, model):
             # Several summits, far apart: draws about one of them look as good as any others.

@@ -263,12 +263,10 @@ class _Look:
     def _of_some_runs(self) -> Iterator[Finding]:
         """Times and gains of u and fd that are wrong in some runs alone."""
         told: dict[tuple[str, str], dict[int, Finding]] = {}
-        wrong = set()
         for run in range(1, self.recording.runs + 1):
             for fault in _Look(of_runs(self.recording, [run], f"run {run}")).against_forcing():
                 told.setdefault((fault.code, fault.signal), {})[run] = fault
-                wrong.add(run)
-        if len(wrong) == self.recording.runs:
+        if len(set[int]().union(*told.values())) == self.recording.runs:
             return  # which all of them together tell best
         for faults in told.values():
             each = [f"run {run}: {f.sentence.partition('; ')[0]}" for run, f in faults.items()]

@@ -21,7 +21,6 @@ from pilotid.recording.recording import Recording
 from pilotid.support import disk
 from pilotid.support.disk import strict_json, write_file
 from pilotid.support.naming import split_list
-from pilotid.support.numbers import OPTIONS
 from pilotid.support.types import InputError
 
 #: Metavar and help of arguments and options by name, or by command and name where a command means
@@ -86,6 +85,17 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "limit": ("e=1.5,u=1.5", "Largest variances of e and u, over those of the reference."),
     "estimates": ("F.json", "The pilot of a fit: fit --json."),
 }
+#: Least and largest values of options; more takes days, or more memory than there is, and tells no
+#: more.
+RANGES: dict[str, tuple[float, float]] = {
+    "seed": (0, 2**64 - 1),
+    "replications": (1, 10**6),
+    "workers": (1, 256),
+    "runs": (1, 1000),
+    "lead_in": (0.0, 3600.0),
+    "dt": (1e-5, 1.0),
+    "time_limit": (0.0, 1e7),
+}
 ONLY = Parameter.KEYWORD_ONLY
 #: Options that are not called like their parameters, which are reserved words or other things.
 SPELLED = {
@@ -102,7 +112,7 @@ def spelled(name: str) -> str:
     return SPELLED.get(name, f"--{name.replace('_', '-')}")
 
 
-def fields_of(kind: Any) -> list[Parameter]:
+def options_in(kind: Any) -> list[Parameter]:
     """The fields of a dataclass as options."""
     return [
         p.replace(
@@ -121,13 +131,13 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     def described(p: Parameter) -> Parameter:
         metavar, text = MEANINGS.get(f"{function.__name__} {p.name}") or MEANINGS[p.name]
         about: dict[str, Any] = {"metavar": metavar or None, "help": text}
-        if p.name in OPTIONS and p.annotation is not str:  # --runs 2-5
-            about["min"], about["max"] = OPTIONS[p.name]
+        if p.name in RANGES and p.annotation is not str:  # --runs 2-5
+            about["min"], about["max"] = RANGES[p.name]
         info = typer.Option(spelled(p.name), **about) if p.kind is ONLY else typer.Argument(**about)
         return p.replace(annotation=Annotated[p.annotation, info])
 
     own = signature(function, eval_str=True).parameters
-    groups = {p.name: fields_of(p.annotation) for p in own.values() if is_dataclass(p.annotation)}
+    groups = {p.name: options_in(p.annotation) for p in own.values() if is_dataclass(p.annotation)}
     single = [p for p in own.values() if p.name not in groups]
 
     @wraps(function)

@@ -1,4 +1,4 @@
-"""Numbers: what chance allows, random generators, and ranges."""
+"""Numbers: what chance allows, random generators, and ranges of settings."""
 
 from __future__ import annotations
 
@@ -109,18 +109,7 @@ def _generator(seed: int, *key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
-#: Least and largest values of options; more takes days, or more memory than there is, and tells no
-#: more.
-OPTIONS: dict[str, tuple[float, float]] = {
-    "seed": (0, 2**64 - 1),
-    "replications": (1, 10**6),
-    "workers": (1, 256),
-    "runs": (1, 1000),
-    "lead_in": (0.0, 3600.0),
-    "dt": (1e-5, 1.0),
-    "time_limit": (0.0, 1e7),
-}
-#: The same of settings of the methods of this package: whole numbers, and others.
+#: Least and largest settings of the methods of this package: whole numbers, and others.
 COUNT, SIZE = (1, 1000), (1e-12, 1e6)
 #: Those of other ranges.
 SETTINGS: dict[str, tuple[float, float]] = {
