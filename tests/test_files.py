@@ -579,6 +579,9 @@ def test_sampling_interval_is_restored_exactly(tmp_path: Path, suffix: str, dt: 
 
 def test_mapping(tmp_path: Path) -> None:
     assert parse_mapping("u=-stick, e = err") == {"u": "-stick", "e": "err"}
+    for text in ("", "u=stick,"):
+        with pytest.raises(InputError):
+            parse_mapping(text)
     runs = make_recording(2)
     save_recording(runs, tmp_path / "F.csv")
     content = (tmp_path / "F.csv").read_text().replace("u_", "stick_")

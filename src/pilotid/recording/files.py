@@ -46,7 +46,7 @@ def parse_mapping(text: str) -> dict[str, str]:
     InputError
         For anything but such pairs, an unknown signal, or one given twice.
     """
-    pairs = [pair.partition("=") for pair in text.split(",") if pair]
+    pairs = [pair.partition("=") for pair in text.split(",")]
     mapping = {signal.strip(): name.strip() for signal, _, name in pairs}
     if len(mapping) < len(pairs):
         raise InputError(f"the mapping {shown(text)} names a signal twice; name each once")
@@ -185,7 +185,7 @@ class Reading:
 
     def one(self, file: Path) -> Recording:
         """The recording in a file."""
-        names = parse_mapping(",".join(self.mapping))
+        names = parse_mapping(",".join(self.mapping)) if self.mapping else None
         recording = load_recording(file, names, self.dt, periods=not self.span)
         recording = replace(recording, lead_in=self.lead_in)
         if self.span:
