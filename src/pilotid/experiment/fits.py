@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
-from itertools import product, zip_longest
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -296,15 +296,18 @@ def predict_left_out(
         What is fitted, methods by their labels.
     """
     rows, every = list[Content](), range(1, recording.runs + 1) if recording.runs > 1 else ()
-    for run, (label, method) in product(every, methods.items()):
+    for run in every:
+        # What is known of a recording is remembered with it: one for all methods.
         others = of_runs(recording, [own for own in every if own != run], f"without run {run}")
         left = of_runs(recording, [run], f"run {run}")
-        estimate = identify(method, others, model, fit_rng(seed, label))
-        score = estimate.score(left, others) if estimate.outcome.usable else None
-        vaf, likelihood = (score.vaf, score.log_score) if score else (math.nan, math.nan)
-        row = {"run": run, "model": model.name, "method": label, "outcome": estimate.outcome.slug}
-        row |= {"vaf": vaf, "log_likelihood": likelihood, "seconds": estimate.seconds}
-        rows.append(row)
+        for label, method in methods.items():
+            estimate = identify(method, others, model, fit_rng(seed, label))
+            outcome = estimate.outcome
+            score = estimate.score(left, others) if outcome.usable else None
+            vaf, likelihood = (score.vaf, score.log_score) if score else (math.nan, math.nan)
+            row = {"run": run, "model": model.name, "method": label, "outcome": outcome.slug}
+            row |= {"vaf": vaf, "log_likelihood": likelihood, "seconds": estimate.seconds}
+            rows.append(row)
     return rows
 
 
