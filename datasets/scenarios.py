@@ -182,7 +182,7 @@ class Scenario:
             from run to run.
         """
         model, source = estimate.model, recording.source
-        element, unknown = closing_element(recording)
+        element = closing_element(recording)
         why = ""
         if not estimate.outcome.usable or estimate.remnant is None:
             why = "it has no remnant" if estimate.outcome.usable else estimate.sentence
@@ -207,7 +207,7 @@ class Scenario:
                 model,
                 tuple(estimate.values.tolist()),
                 # Methods have to find what the recording does not name.
-                replace(element, name="") if unknown else element,
+                element if recording.controlled_element else replace(element, name=""),
                 recorded_forcing(recording, "ft"),
                 recorded_forcing(recording, "fd"),
                 recorded_remnant(estimate.remnant, recording, to_control),

@@ -141,7 +141,7 @@ class Fourier:
                 message=f"power and leakage of the remnant did not settle in {self.rounds} rounds",
             )
         if estimate.outcome.usable and not are_pilots(recording, model, estimate.values[None])[0]:
-            element, _ = closing_element(recording)
+            element = closing_element(recording)
             assert element is not None  # without one nothing is unstable
             why = f"the loop of this pilot and {element.name} would be unstable"
             estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=why)

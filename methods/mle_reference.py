@@ -68,7 +68,7 @@ class MLEReference(LikelihoodSettings):
             return f"instruments are e, x and ft, and model {model.name} acts on {model.extra[0]}"
         if not any(np.ptp(signal) > 0.0 for signal in forcing_functions(recording)):
             return "no forcing function is recorded (ft, fd), and instruments are made of them"
-        if closing_element(recording)[0] is None:
+        if closing_element(recording) is None:
             return "the controlled element is not known: name it, for example --element 4/s^2"
         return None
 
@@ -85,7 +85,7 @@ class MLEReference(LikelihoodSettings):
             Draws the other starts.
         """
         optimum = maximise_likelihood(recording, model, rng, self)
-        element, _ = closing_element(recording)
+        element = closing_element(recording)
         assert element is not None
         candidates = (
             [optimum.pilot] if optimum.is_credible else [*optimum.lines_pilot, optimum.pilot]

@@ -241,13 +241,12 @@ def differs(
 
 
 @remembered
-def closing_element(recording: Recording) -> tuple[ControlledElement | None, float]:
-    """The controlled element that closes the loop of a recording, and its relative error.
+def closing_element(recording: Recording) -> ControlledElement | None:
+    """The controlled element that closes the loop of a recording.
 
     The one that the recording names, unless its signals show another one; None if none is known.
     """
     choice = chosen_element(recording)
     if choice.origin == SIGNALS or choice.remarks:
-        identified = identified_element(recording)
-        return identified.element, identified.response_error
-    return choice.element, 0.0
+        return identified_element(recording).element
+    return choice.element

@@ -284,7 +284,7 @@ def explained_of_forced(recording: Recording, estimate: Estimate) -> float | Non
     responses = estimate.model.response(omega, estimate.values)
     for channel, response in zip(estimate.model.channels, responses, strict=True):
         left -= channel.sign * response * at_lines(channel.on)
-    element, _ = closing_element(recording)
+    element = closing_element(recording)
     if element is not None and not estimate.model.no_loop:
         left /= 1.0 + element.response(omega) * sum(
             pilot_on(estimate.model, omega, estimate.values)

@@ -53,9 +53,8 @@ class Weighting:
         Frequencies [rad/s], and the weight of a bin there, shape (n,).
     control
         Mean power of the control's bins there, shape (n,): that of a sample, if it were white.
-    element, unknown
-        The controlled element, which closes the loop, and the relative standard error of its
-        response; 0 for an element that was named.
+    element
+        The controlled element, which closes the loop.
     hidden
         Whether the inputs hardly stand above the recorder's floor anywhere.
     """
@@ -64,7 +63,6 @@ class Weighting:
     share: FloatArray
     control: FloatArray
     element: ControlledElement
-    unknown: float
     hidden: bool
 
     def weights(self, omega: FloatArray) -> FloatArray:
@@ -229,14 +227,6 @@ class BandTerms:
         lower = np.concatenate([across.transpose(0, 2, 1), remnant], axis=2)
         return term, -2.0 * slope, 2.0 * np.concatenate([upper, lower], axis=1)
 
-    def by_gain(self, loop: ComplexArray) -> FloatArray:
-        """Derivatives of the slopes of `log_determinant` by the logarithm of the element's gain.
-
-        The shape is (sets, p) of a `loop` as there.
-        """
-        by_pilot = loop[:, :-1] / -loop[:, -1:]
-        return np.asarray(-2.0 * (by_pilot / loop[:, -1:]).real @ self.inside[: self.counting])
-
     def add_log_determinant(
         self,
         products: FloatArray,
@@ -356,7 +346,7 @@ def weighting_of(
     """
     if model.no_loop:
         return None
-    element, unknown = closing_element(recording)
+    element = closing_element(recording)
     if element is None:
         return None
     floors, nyquist = floors_of(recording), math.pi / dt
@@ -371,4 +361,4 @@ def weighting_of(
     hidden = float(np.mean(share)) * control.shape[1] / 2.0 < 20.0
     if hidden:
         share = np.where(omega <= TOP_SHARE * nyquist, 1.0, 0.0)
-    return Weighting(omega, share, power, element, unknown, hidden)
+    return Weighting(omega, share, power, element, hidden)

@@ -165,7 +165,7 @@ def specification_by_instruments(
     driven = any(np.ptp(s) > 0.0 for s in forcing_functions(recording))
     if model.changes or prediction.weighting is None or not driven:
         return None
-    element, _ = closing_element(recording)
+    element = closing_element(recording)
     if element is None or not is_stable(model, values, element):
         return None
     try:

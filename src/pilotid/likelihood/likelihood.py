@@ -101,33 +101,10 @@ class Likelihood(Problem):
 
     def squares(self, values: FloatArray) -> FloatArray:
         """Inner products of `rows`, in a band weighted and with those outside, of its squares."""
-        prediction = self.prediction
-        whole = prediction.weights is None and prediction.block > 1
-        if whole and self.noise.regressive and not any(prediction.nuisance_poles):
-            rows = self._regressed(values)
-        else:
-            rows = prediction.weighted_rows(self.rows(values))
+        rows = self.prediction.weighted_rows(self.rows(values))
         flat = rows.reshape(*rows.shape[:2], -1)
         grams = np.asarray(flat @ flat.transpose(0, 2, 1))
         return grams if self.band_terms is None else grams + self.outside(values)
-
-    def _regressed(self, values: FloatArray) -> FloatArray:
-        """Weighted `rows` with an autoregression: all lags of the residual are of one transform."""
-        prediction, coefficients = self.prediction, values[:, self.pilot_count :]
-        spectra = prediction.row_spectra(values[:, : self.pilot_count])
-        signal = prediction.samples_before(spectra[:, -1], coefficients.shape[1])
-        lags = np.moveaxis(prediction.lagged(signal, coefficients.shape[1]), 0, 1)
-        taps, _ = self.noise.taps(coefficients, self.band)
-        spectra[:, :-1] *= prediction.filter_response(taps)[:, None, None]
-        rows = np.empty((len(values), values.shape[1] + 1, *lags.shape[2:]))
-        pilot = prediction.samples_of(spectra[:, :-1])
-        rows[:, : self.pilot_count] = prediction.weighted_rows(pilot)
-        np.negative(lags[:, 1:], out=rows[:, self.pilot_count : -1])
-        flat = lags.reshape(*lags.shape[:2], -1)
-        rows[:, -1] = (taps[:, None] @ flat).reshape(rows[:, -1].shape)
-        if prediction.nuisance_poles and self.band_terms is None:  # in a band the mean has no bin
-            rows -= rows.mean(axis=-1, keepdims=True)
-        return rows
 
     def outside(self, values: FloatArray) -> FloatArray:
         """What bins that do not count add to the Gram matrix, with a small weight.

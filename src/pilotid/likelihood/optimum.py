@@ -247,25 +247,6 @@ class Optimum:
         seconds = prediction.runs * prediction.scored * prediction.dt
         return (1.0 + BARTLETT_SECONDS / seconds) * self.dispersion
 
-    @cached_property
-    def element_factor(self) -> FloatArray:
-        """Factor on the variances of the pilot for what is not known of the element's gain."""
-        joint, prediction = self.joint, self.joint.prediction
-        weighting, terms = prediction.weighting, prediction.band_terms
-        if weighting is None or terms is None or weighting.unknown == 0.0:
-            return np.ones(joint.pilot_count)
-        loop = prediction.loop.row_spectra(self.pilot[None])[:, :, 0]
-        change = np.zeros(len(joint.lower))
-        change[: joint.pilot_count] = (
-            terms.by_gain(loop)[0] * float(self.end.cost[0]) / joint.residuals
-        )
-        inverse = covariance_of(self.end.gram[0, :-1, :-1], 1.0)
-        if inverse is None:
-            return np.ones(joint.pilot_count)
-        moved = weighting.unknown * (inverse @ change)[: joint.pilot_count]
-        variances = self.variance * np.diag(inverse)[: joint.pilot_count]
-        return np.asarray(1.0 + moved**2 / variances)
-
     @property
     def covariance(self) -> FloatArray | None:
         """Covariance of the pilot's parameters, None if it is singular."""
@@ -314,14 +295,12 @@ class Optimum:
         invertible = noise.regressive and bool(are_invertible(self.whitener[None])[0])
         return Likelihood(prediction, noise, adjoint=prediction.is_large, invertible=invertible)
 
-    def refined(self, tolerance: float = REPORTED_TOLERANCE) -> Optimum:
-        """The same to another tolerance, or to that of what is compared as in `descend`."""
+    def refined(self) -> Optimum:
+        """The same to the tolerance of what is reported, see `descend`."""
         joint, start = self.joint, self.end.only([0])
-        if tolerance < COMPARED_TOLERANCE and joint.adjoint:
+        if joint.adjoint:
             joint = Likelihood(joint.prediction, joint.noise)
-            end = descend(joint, start.values, tolerance)
-        else:
-            end = descend(joint, start, tolerance)
+        end = descend(joint, start.values if joint is not self.joint else start)
         return replace(self, joint=joint, end=end, iterations=self.iterations + end.iterations)
 
     def restarted_at(self, start: FloatArray) -> Optimum:

@@ -84,8 +84,8 @@ def with_profile(estimate: Estimate, optimum: Optimum, profile: Profile) -> Esti
     intervals = _holding(intervals, optimum.competing)
     # The length of an interval tells the scatter of skewed estimates; the likelihood's
     # curvature at its maximum, from which the covariance is, only the middle of it.
-    factor = optimum.variance_factor * optimum.element_factor
-    errors = errors_from(estimate.values, intervals, estimate.model, np.sqrt(sought / factor))
+    reach = np.sqrt(sought / optimum.variance_factor)
+    errors = errors_from(estimate.values, intervals, estimate.model, reach)
     estimate = replace(estimate, intervals=intervals, errors=errors)
     at_bound = is_at_bound(estimate.model, estimate.values)
     if not at_bound.any():
@@ -161,7 +161,7 @@ def deviances(optimum: Optimum) -> FloatArray:
     """
     sought = np.full(optimum.joint.pilot_count, CHI_SQUARED_95)
     sought[list(optimum.joint.prediction.model.change)] = CHI_SQUARED_95_OF_TWO
-    return np.asarray(optimum.variance_factor * optimum.element_factor * sought)
+    return np.asarray(optimum.variance_factor * sought)
 
 
 def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
@@ -190,9 +190,8 @@ def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
         error = math.log(intervals[d, 1] / intervals[d, 0]) / (2.0 * Z95)
         if usual or abs(math.log(start[d] / DAMPINGS[1])) > SURE * error:
             continue
-        factor = optimum.variance_factor * float(np.max(optimum.element_factor))
         limit = float(optimum.end.cost[0]) * math.exp(
-            factor * USUAL_SYSTEM_DEVIANCE / optimum.freedom
+            optimum.variance_factor * USUAL_SYSTEM_DEVIANCE / optimum.freedom
         )
         for frequency, damping in product(FREQUENCIES, DAMPINGS[1:]):
             point = start.copy()

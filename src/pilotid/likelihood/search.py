@@ -30,7 +30,6 @@ from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import (
     COMPARED_TOLERANCE,
     COMPETING_CRITERION,
-    REPORTED_TOLERANCE,
     SAME_OPTIMUM_DISTANCE,
     Optimum,
     PilotCheck,
@@ -431,8 +430,7 @@ class RemnantChoice:
     """Fits near one pilot, of each model of the remnant that came into question.
 
     Every model is fitted once, from the pilot at which it first did and from where all began: one
-    model may lose a channel, which does not come back of itself, where another does not.  What is
-    asked for again is there already.
+    model may lose a channel, which does not come back of itself, where another does not.
 
     Parameters
     ----------
@@ -456,28 +454,25 @@ class RemnantChoice:
         self.prediction, self.noise, self.check = prediction, noise, check
         self.pilot = self._first = pilot
         self.iterations = 0
-        self._fits: dict[NoiseModel, tuple[Optimum, float]] = {}
+        self._fits: dict[NoiseModel, Optimum] = {}
+        self._exact: set[NoiseModel] = set()
 
     def quick_fit(self) -> Optimum:
-        """A first look: the model that suits what the pilot leaves, roughly fitted."""
-        return self._adopt(self._best_of(None, 1e-3))
+        """The best of the models that suit what the pilot leaves, as exactly as is compared."""
+        return self._adopt(self._best_of(None))
 
     def full_fit(self) -> Optimum:
-        """The best of all, as exactly as is needed to compare them.
-
-        Its model is chosen anew as the pilot moves, in as many rounds at most.
-        """
-        compared = COMPARED_TOLERANCE
-        best = self._adopt(self._best_of(None, compared))
+        """The best of all: its model is chosen anew as the pilot moves, in few rounds."""
+        best = self.quick_fit()
         for _ in range(0 if self.noise else ROUNDS - 1):
-            before, best = best, self._adopt(self._best_of(None, compared))
+            before, best = best, self.quick_fit()
             if best.joint.noise == before.joint.noise:
                 break
         # Of many long autoregressions the first that suits depends on where the search came from.
         while others := [] if self.noise else neighbours(best.joint.noise):
-            better = self._best_of(others, compared)
+            better = self._best_of(others)
             if abs(better.criterion - best.criterion + 0.1) < best.remaining_decrease:
-                best, better = (self._refined_to(fit, REPORTED_TOLERANCE) for fit in (best, better))
+                best, better = self._refined(best), self._refined(better)
             if not better.criterion < best.criterion - 0.1:
                 break
             best = self._adopt(better)
@@ -487,39 +482,38 @@ class RemnantChoice:
         self.pilot = fit.pilot
         return fit
 
-    def _best_of(self, models: Sequence[NoiseModel] | None, tolerance: float) -> Optimum:
+    def _best_of(self, models: Sequence[NoiseModel] | None) -> Optimum:
         """The best of some models, each with the pilot that goes with it; None for contenders."""
         prediction = self.prediction
         products = lagged_products(prediction.errors(self.pilot))
         suited = products, prediction.runs * prediction.scored, prediction.band
         models = [self.noise] if self.noise else models
         every = contenders(*suited) if models is None else guesses(*suited, models)
-        fits = [self._fitted(guess, tolerance) for guess in every]
+        fits = [self._fitted(guess) for guess in every]
         best = min(fits, key=_criterion)
         near = [fit for fit in fits if not fit.criterion > best.criterion + best.remaining_decrease]
-        if tolerance > COMPARED_TOLERANCE or len(near) == 1:
-            return best
-        return min((self._refined_to(fit, REPORTED_TOLERANCE) for fit in near), key=_criterion)
+        return best if len(near) == 1 else min(map(self._refined, near), key=_criterion)
 
-    def _fitted(self, guess: Guess, tolerance: float) -> Optimum:
-        """A model fitted to a tolerance, if it is not yet."""
-        if guess.model in self._fits:
-            return self._refined_to(self._fits[guess.model][0], tolerance)
-        joint = Likelihood(self.prediction, guess.model, adjoint=self.prediction.is_large)
-        pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
-        starts = np.array([np.concatenate([pilot, guess.values]) for pilot in pilots])
-        fit = Optimum(joint, descend(joint, starts, tolerance), check=self.check)
-        return self._remember(fit, tolerance)
+    def _fitted(self, guess: Guess) -> Optimum:
+        """A model's fit, made when it is first asked for."""
+        if guess.model not in self._fits:
+            joint = Likelihood(self.prediction, guess.model, adjoint=self.prediction.is_large)
+            pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
+            starts = np.array([np.concatenate([pilot, guess.values]) for pilot in pilots])
+            self._keep(Optimum(joint, descend(joint, starts, COMPARED_TOLERANCE), check=self.check))
+        return self._fits[guess.model]
 
-    def _refined_to(self, fit: Optimum, tolerance: float) -> Optimum:
-        """A fit that was made before, to a tolerance."""
-        reached = self._fits[fit.joint.noise][1]
-        return fit if reached <= tolerance else self._remember(fit.refined(tolerance), tolerance)
+    def _refined(self, fit: Optimum) -> Optimum:
+        """A fit to the tolerance of what is reported, made when it is first asked for."""
+        model = fit.joint.noise
+        if model not in self._exact:
+            self._exact.add(model)
+            self._keep(fit.refined())
+        return self._fits[model]
 
-    def _remember(self, fit: Optimum, tolerance: float) -> Optimum:
+    def _keep(self, fit: Optimum) -> None:
         self.iterations += fit.end.iterations
-        self._fits[fit.joint.noise] = fit, tolerance
-        return fit
+        self._fits[fit.joint.noise] = fit
 
 
 def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:

@@ -25,7 +25,7 @@ from pilotid.estimate.quantities import FrequencyResponse, real_parts
 from pilotid.likelihood.estimates import make_estimate, starts_of
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction
-from pilotid.likelihood.remnant_models import Whitener
+from pilotid.likelihood.remnant_models import Autoregressive, Whitener, guess_parameters
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.intervals import (
@@ -166,8 +166,8 @@ def second_step(
     )
 
 
-#: Order of the autoregression that whitens the residual.
-ORDER = 8
+#: What whitens the residual.
+WHITENS = Autoregressive(8)
 #: How often the residual is whitened anew.
 ROUNDS = 2
 #: Claimed errors by which prediction errors may move an estimate that is still one.
@@ -239,7 +239,8 @@ def moved(values: FloatArray, prediction: Prediction, rng: np.random.Generator) 
     """Where prediction errors move an estimate to, shape (parameters,)."""
     model = prediction.model
     for _ in range(ROUNDS):
-        taps = whitener(prediction.errors(values), ORDER)
+        residual = prediction.errors(values)
+        taps = np.append(1.0, guess_parameters(WHITENS, residual, prediction.band))
         prediction = replace(prediction, nuisance_poles=prediction.noticeable_terms(values, taps))
         errors = Likelihood(prediction, Whitener(taps))
         values = minimise(errors.gram, values[None], model, tolerance=1e-5, iterations=20).values[0]
@@ -247,23 +248,3 @@ def moved(values: FloatArray, prediction: Prediction, rng: np.random.Generator) 
     best = search(errors.gram, model, rng, known=values[None], candidates=12, refined=3)
     # Starts that end in one optimum end at one point, whichever comes first.
     return np.asarray(minimise(errors.gram, best.values[:1], model).values[0])
-
-
-def whitener(residual: FloatArray, order: int) -> FloatArray:
-    """Moving average that makes a residual white, by least squares.
-
-    Parameters
-    ----------
-    residual
-        Shape (runs, samples).
-    order
-        Order of the autoregression.
-
-    Returns
-    -------
-    Array of shape (order + 1,), which begins with 1.
-    """
-    windows = np.lib.stride_tricks.sliding_window_view(residual, order + 1, axis=1)
-    rows = windows.reshape(-1, order + 1)[:, ::-1]
-    past = np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0]
-    return np.concatenate([[1.0], -past])

@@ -9,7 +9,6 @@ before, `evolve` looks for one by differential evolution.
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -358,14 +357,6 @@ def _solved(
     matrix: FloatArray, right: FloatArray, damping: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Damped and undamped steps; negative curvature is turned round, so that they descend."""
-    with suppress(np.linalg.LinAlgError):
-        pivots = np.diagonal(np.linalg.cholesky(matrix), axis1=1, axis2=2)
-        if pivots.min() > 1e-6:  # no eigenvalue is negative, nor so small that rounding decides
-            both = np.empty((2, *matrix.shape))
-            both[1] = matrix
-            np.add(matrix, damping[:, None, None] * np.eye(right.shape[1]), out=both[0])
-            damped, undamped = np.linalg.solve(both, right[:, :, None])[..., 0]
-            return damped, undamped
     # A start outside the model's domain has no Hessian; it goes nowhere.
     finite = np.isfinite(matrix).all(axis=(1, 2), keepdims=True)
     eigenvalues, vectors = np.linalg.eigh(np.where(finite, matrix, 0.0))

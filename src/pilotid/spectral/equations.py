@@ -158,7 +158,7 @@ def are_pilots(recording: Recording, model: PilotModel, sets: FloatArray) -> Boo
 
     All can be where no controlled element is known or the model has no loop.
     """
-    element = None if model.no_loop else closing_element(recording)[0]
+    element = None if model.no_loop else closing_element(recording)
     return np.ones(len(sets), dtype=bool) if element is None else are_stable(model, sets, element)
 
 
