@@ -47,6 +47,7 @@ def check(code: str, limit: float = 0.0) -> Callable[[Callable[[Recording], Foun
     return listed
 
 
+@remembered
 def remarks(recording: Recording) -> tuple[Remark, ...]:
     """What was done to a recording and what is wrong with it, a sentence each.
 

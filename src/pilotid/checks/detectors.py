@@ -15,7 +15,7 @@ from itertools import pairwise, permutations
 
 import numpy as np
 
-from pilotid.checks.element_forms import drive_of, fits_of, simplest, spectra_in_window
+from pilotid.checks.element_forms import drive_of, fits_of, simplest, spectra_of
 from pilotid.checks.plant import (
     MUCH,
     Answered,
@@ -367,7 +367,7 @@ def _answer(recording: Recording) -> Answered | None:
     """How much later x answers to u and fd than the element says that is named, or else shows."""
     element = parsed_element(recording.controlled_element)
     if element is not None:
-        return answered(spectra_in_window(recording), element)
+        return answered(spectra_of(recording), element)
     fits = fits_of(recording)
     best = simplest(fits) if fits else None
     if best is None or best.explained < ELEMENT.sound:
