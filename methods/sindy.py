@@ -187,8 +187,8 @@ class Library:
             Structure(self._poles, tuple(self._reach - d + 1 for d in delays), delays)
             for delays in itertools.product(grid, repeat=len(self.inputs))
         ]
-        lags = [(1, self._reach)] * len(self.inputs)
-        regression = Regression(self.control, self.inputs, self._poles, lags, self._first)
+        # The first begins at one sample and has all lags.
+        regression = Regression(self.control, self.inputs, structures[0], self._first)
         return regression.best(structures, 1.0)
 
     def blocks(self, structure: Structure, length: float) -> list[FloatArray]:
@@ -196,8 +196,7 @@ class Library:
 
         A triangular factor stands for its rows: all inner products are the same.
         """
-        lags = [(d, self._reach) for d in structure.delays]
-        rows = lagged_rows(self.control, self.inputs, self._poles, lags, self._first)
+        rows = lagged_rows(self.control, self.inputs, structure, self._first)
         rows = rows - rows.mean(axis=1, keepdims=True)
         runs, samples, _ = rows.shape
         least = math.ceil(MIN_BLOCKS / runs)
@@ -276,8 +275,6 @@ def unusable(sparse: BlackBox, model: PilotModel) -> str:
 
 def undetermined(response: FrequencyResponse, model: PilotModel) -> str:
     """Why a response is too vague to fit a pilot model to; empty if it is not."""
-    if not np.all(np.isfinite(response.covariance)):
-        return "the response of the sparse model is not finite"
     errors = np.median(response.std / np.abs(response.value), axis=1)
     worst = int(np.argmax(errors))
     if errors[worst] <= VAGUE:
