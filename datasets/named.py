@@ -201,7 +201,6 @@ class FixedTask:
     bound: FloatArray
 
 
-@cache
 def fixed_tasks() -> tuple[str, ...]:
     """The names of all fixed tasks, such as ``nominal-0``."""
     return tuple(_known())
