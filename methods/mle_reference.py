@@ -87,10 +87,8 @@ class MLEReference(LikelihoodSettings):
         optimum = maximise_likelihood(recording, model, rng, self)
         element, _ = closing_element(recording)
         assert element is not None
-        candidates = (
-            [optimum.pilot] if optimum.is_credible else [*optimum.lines_pilot, optimum.pilot]
-        )
-        values = candidates[0][None]
+        instead = () if optimum.is_credible else optimum.lines_pilot
+        values = next(iter(instead), optimum.pilot)[None]
         if not is_stable(model, values[0], element):
             why = f"the loop of the pilot and {element.name} is unstable: there are no instruments"
             return failed(self.name, model, Outcome.NOT_APPLICABLE, why)

@@ -191,19 +191,12 @@ class _Look:
         by_steps = RECORDER.converter_steps * step_of(self.recording, "x") / float(np.std(x))
         if ratio <= RECORDER.outlier[0] or share <= max(RECORDER.outlier[1], by_steps):
             return
-        at = sample * self.dt
+        at, why = sample * self.dt, "samples are lost or spiked; leave these parts out"
         if any(_begins_again(signal, sample) for signal in forced):
-            words = (
-                f"x jumps at t = {at:.4g} s, where the forcing functions begin again: several runs "
-                "follow one another as one; give each a column, or take one of them, for example "
-                f"with --span 0:{at:.6g}"
-            )
-            yield Finding("lost-samples", "x", "wrong", at, "s", words)
-            return
+            why = f"runs follow one another; give each a column, or take one: --span 0:{at:.6g}"
         words = (
             f"x jumps at {count} samples, first at t = {at:.4g} s of run {run + 1}, by up to "
-            f"{100.0 * share:.2g} % of its rms where u + fd do not: samples are lost or spiked; "
-            "leave these parts out"
+            f"{100.0 * share:.2g} % of its rms where u + fd do not: {why}"
         )
         yield Finding("lost-samples", "x", "wrong", float(count), "samples", words)
 
@@ -325,15 +318,10 @@ class _Look:
         least = RECORDER.biased * noise + max(
             RECORDER.errors * answer.error, RECORDER.answer[0] * self.dt, RECORDER.answer[1]
         )
-        if named is None and late < -least:
-            yield _late("u", "x", -late, self.dt)
         if named is not None and abs(late) > least:
-            words = (
-                f"x answers {1e3 * abs(late):.3g} ms {'later' if late > 0 else 'earlier'} than the "
-                f"controlled element {named.name} says: signals passed a filter or are shifted "
-                "in time, and delays are wrong by as much; or name the element with that delay"
-            )
-            yield Finding("late-signal", "x", "wrong", late, "s", words)
+            yield _late("x", f"the answer of the controlled element {named.name}", late, self.dt)
+        elif named is None and late < -least:
+            yield _late("u", "x", -late, self.dt)
 
     def copies(self) -> Iterator[Finding]:
         """Runs whose control is the same to the last bit."""

@@ -413,20 +413,15 @@ def unrelated(recording: Recording) -> Remark | None:
     every = {run: plant_of(recording, run) for run in range(recording.runs)}
     wrong = [str(run + 1) for run, p in every.items() if p and p.mean_coherence < least]
     coherence = min(p.mean_coherence for p in (plant, *every.values()) if p)
-    if coherence < least:
-        where = f" in run {', '.join(wrong)}" if 0 < len(wrong) < recording.runs else ""
-        return Remark(
-            "output-unrelated",
-            f"x is not the answer to {what}{where}: their coherence is {coherence:.2f} where an "
-            "element without noise has 1; the signals are of different runs, times, axes or units, "
-            "another disturbance acts, or the element changes during the recording",
-        )
-    if is_forced or plant.mean_coherence >= ELEMENT.unrelated_in_part:
+    in_part = coherence >= least
+    if in_part and (is_forced or plant.mean_coherence >= ELEMENT.unrelated_in_part):
         return None
+    where = f" in run {', '.join(wrong)}" if 0 < len(wrong) < recording.runs else ""
     return Remark(
         "output-unrelated",
-        f"x is the answer to u in part only: their coherence is {plant.mean_coherence:.2f}; a "
-        "disturbance that is not recorded acts (give it as fd), or signals are of different runs "
-        "or times",
-        "note",
+        f"x is {'in part only' if in_part else 'not'} the answer to {what}{where}: their coherence "
+        f"is {coherence:.2f} where an element without noise has 1; signals are of different runs, "
+        "times, axes or units, a disturbance is not recorded (give it as fd), or the element "
+        "changes",
+        "note" if in_part else "wrong",
     )

@@ -102,24 +102,21 @@ def shared_signals(recording: Recording, model: PilotModel) -> str | None:
         return one_signal(recording, model)
     if dependent := dependent_signals(model):
         return dependent
-    names = " and ".join(channel.name for channel in model.channels)
     if recording.fd is not None and not _absent(recording, recording.fd, recording.u):
         return None
-    return (
-        f"no disturbance is recorded, and without one the {names} channels follow one signal: "
-        f"nothing but their form and the remnant tells them apart; {REMEDY}"
-    )
+    return _alike(model, "no disturbance is recorded")
+
+
+def _alike(model: PilotModel, why: str, cure: str = REMEDY) -> str:
+    names = " and ".join(channel.name for channel in model.channels)
+    return f"{why}, so that nothing but their form tells the {names} channels apart; {cure}"
 
 
 def dependent_signals(model: PilotModel) -> str | None:
     """Why no response of each channel can be measured: they act on e, x and ft, which is e + x."""
     if not {channel.on for channel in model.channels} >= {"e", "x", "ft"}:
         return None
-    names = " and ".join(channel.name for channel in model.channels)
-    return (
-        f"ft = e + x, so that the {names} channels act on two signals: nothing but their form "
-        "tells them apart; fit two channels"
-    )
+    return _alike(model, "three channels act on two signals, as ft = e + x", "fit two channels")
 
 
 def varying(model: PilotModel) -> str | None:
@@ -148,11 +145,7 @@ def one_signal(recording: Recording, model: PilotModel) -> str | None:
         return None
     if not _absent(recording, recording.e + recording.x, recording.e):
         return None
-    names = " and ".join(channel.name for channel in model.channels)
-    return (
-        f"there is no target, so that e = -x and the {names} channels act on one signal: only "
-        f"what they do together is measured, and nothing but their form tells them apart; {REMEDY}"
-    )
+    return _alike(model, "two channels act on one signal, as without a target e = -x")
 
 
 def _absent(recording: Recording, forcing: FloatArray, beside: FloatArray) -> bool:
@@ -232,7 +225,7 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
     remarks = [remark_of(remark) for remark in estimate.remarks]
     if not estimate.outcome.usable:
         return tuple(remarks)
-    hidden = explained is not None and explained >= ESTIMATE.surely_explained
+    hidden = (explained or 0.0) >= ESTIMATE.surely_explained
     explained = estimate.vaf if explained is None else explained
     if explained < ESTIMATE.least_vaf:
         sentence = (
@@ -245,7 +238,6 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
         sentence = (
             "the simulated response explains nothing of the control (VAF 0 %): a slow remnant "
             f"hides it{'' if hidden else ', or the model is wrong'}; compare with other methods"
-            f"{'' if hidden else ' and models'}"
         )
         remarks.append(Remark("little-explained", sentence, "note" if hidden else "doubt"))
     return (
@@ -341,11 +333,13 @@ def _not_determined(estimate: Estimate) -> Iterator[Remark]:
     is_low, is_high = at_bounds(estimate.model, *estimate.intervals.T)
     for i, p in enumerate(estimate.model.parameters):
         value, (low, high) = float(estimate.values[i]), estimate.intervals[i].tolist()
-        if not p.lower <= value <= p.upper:
-            continue  # of a method without bounds, which says so itself
+        unit, (least, most) = f" {p.unit}" if p.unit else "", p.usual
+        if not p.lower <= value <= p.upper:  # of a method without bounds
+            words = f"{p.key} = {value:.3g} lies outside {p.lower:g} to {p.upper:g}{unit}"
+            yield Remark("outside-range", f"{words}, where no pilot is: give another --start")
+            continue
         if p.delay and value < ESTIMATE.shortest_delay and not is_high[i]:
             continue  # `_unlike_people` says so
-        unit, (least, most) = f" {p.unit}" if p.unit else "", p.usual
         if is_low[i] and is_high[i]:
             notes.append(f"{p.key} may have any value from {p.lower:g} to {p.upper:g}{unit}")
         elif is_low[i] or is_high[i]:
