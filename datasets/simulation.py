@@ -9,7 +9,7 @@ Only what is not linear, or not constant, is stepped through time, see
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -82,8 +82,7 @@ def remnant_shaping(scenario: Scenario, omega: FloatArray) -> ComplexArray:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Prepared:
+class _Prepared(NamedTuple):
     """What all recordings of a scenario share."""
 
     time: FloatArray

@@ -90,9 +90,7 @@ class MMLE3:
             return failed(self.name, model, Outcome.DIVERGED)
         residual = output.control - predicted
         damping = self.damping
-        iteration = 0
-        while iteration < self.iterations:
-            iteration += 1
+        for iteration in range(1, self.iterations + 1):  # noqa: B007 - it is reported
             cost = float(np.mean(residual**2))  # RR, whose inverse is W
             jacobian = output.jacobian(values)
             gradient = -jacobian @ residual.ravel() / cost

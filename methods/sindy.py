@@ -152,11 +152,9 @@ class SINDy:
         triangle = triangle_of(np.concatenate(blocks))
         size = structure.parameters
         coefficients = prune(triangle, self.threshold)
-        members = np.empty((self.members, size))
-        for member in members:
-            picked = rng.integers(len(blocks), size=len(blocks))
-            resampled = triangle_of(np.concatenate([blocks[i] for i in picked]))
-            member[:] = prune(resampled, self.threshold)
+        picked = rng.integers(len(blocks), size=(self.members, len(blocks)))
+        resampled = [triangle_of(np.concatenate([blocks[i] for i in some])) for some in picked]
+        members = np.array([prune(rows, self.threshold) for rows in resampled])
         cost = float(np.sum((triangle[:, -1] - triangle[:, :-1] @ coefficients) ** 2))
         variance = cost / (library.count - size)
         covariance = ensemble_covariance(members - coefficients, triangle[:size, :size], variance)
@@ -169,27 +167,25 @@ class Library:
     def __init__(self, settings: SINDy, recording: Recording, model: PilotModel) -> None:
         self.prediction = prediction = predict(recording, model, settings.band)
         self.dt = prediction.dt
-        self._poles = settings.own_lags
-        self._reach = max(2, math.floor(settings.memory / self.dt + 1e-9))
-        longest = math.floor(settings.longest_delay / self.dt + 1e-9)
-        self._longest = min(max(1, longest), self._reach - 1)
-        self._first = max(self._poles, self._reach)
+        reach = max(2, math.floor(settings.memory / self.dt + 1e-9))
+        longest = max(1, math.floor(settings.longest_delay / self.dt + 1e-9))
+        self._first = max(settings.own_lags, reach)
         control, inputs = prediction.signals
         begin = prediction.first - self._first
         self.control = control[:, begin:]
         self.inputs = [signal[:, begin:] for signal in inputs]
         self.count = prediction.runs * (prediction.scored - 1)
+        # From the one that begins at one sample and has all lags.
+        grid = range(1, min(longest, reach - 1) + 1)
+        self._structures = [
+            Structure(settings.own_lags, tuple(reach - d + 1 for d in delays), delays)
+            for delays in itertools.product(grid, repeat=len(inputs))
+        ]
 
     def best_delays(self) -> Structure:
         """The structure whose delays have the best Bayesian information criterion."""
-        grid = range(1, self._longest + 1)
-        structures = [
-            Structure(self._poles, tuple(self._reach - d + 1 for d in delays), delays)
-            for delays in itertools.product(grid, repeat=len(self.inputs))
-        ]
-        # The first begins at one sample and has all lags.
-        regression = Regression(self.control, self.inputs, structures[0], self._first)
-        return regression.best(structures, 1.0)
+        regression = Regression(self.control, self.inputs, self._structures[0], self._first)
+        return regression.best(self._structures, 1.0)
 
     def blocks(self, structure: Structure, length: float) -> list[FloatArray]:
         """Triangular factors of blocks of rows, none of which spans two runs.

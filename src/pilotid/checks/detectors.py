@@ -154,14 +154,13 @@ class _Look:
     def grids(self) -> Iterator[Finding]:
         """Signals resampled from a lower rate: every k-th difference is small."""
         for name, signal in self.answers.items():
-            score, step, order = _grid(signal)
+            score, step = _grid(signal)
             rate = 1.0 / (step * self.dt) if step else 0.0
             # Edges of a target like a square wave repeat as slowly as nobody records.
             if score > RECORDER.grid and rate >= RECORDER.slowest:
-                how = {1: "held", 2: "linearly interpolated", 4: "interpolated by cubics"}[order]
                 words = (
-                    f"it was recorded at {rate:.3g} Hz and {how} between; give the samples as they "
-                    "were recorded"
+                    f"it was recorded at {rate:.3g} Hz, and held or interpolated between; give the "
+                    "samples as they were recorded"
                 )
                 yield _band_ends(name, rate, 0.25 / (step * self.dt), words)
 
@@ -220,11 +219,11 @@ class _Look:
         least = np.maximum(RECORDER.errors * errors[2:4], RECORDER.identity * self.dt)
         late = -values[2:4] / values[:2]
         if np.all(np.abs(late) > least) and abs(late[0] - late[1]) <= least.max():
-            yield _late("e", "ft - x", -float(late.mean()), self.dt)
+            yield _late("e", "ft - x", -float(late.mean()))
             return
         for name, shift, limit in zip(("ft", "x"), late.tolist(), least.tolist(), strict=True):
             if abs(shift) > limit:
-                yield _late(name, "e", shift, self.dt)
+                yield _late(name, "e", shift)
 
     def times(self, faults: Sequence[Finding]) -> list[Finding]:
         """Times of u, fd and x against one another, and what the drive holds of fd."""
@@ -286,9 +285,9 @@ class _Look:
             moved = shifted(self.recording.u, self.dt, best.late)
             answer = _answer(replace(self.recording, u=moved)) if best.late < 0.0 else None
             if answer and abs(answer.late - best.late) < abs(answer.late):
-                yield _late("fd", "u", -best.late, self.dt)
+                yield _late("fd", "u", -best.late)
             else:
-                yield _late("u", "fd", best.late, self.dt)
+                yield _late("u", "fd", best.late)
         least = RECORDER.errors * best.share_error
         told = best.share_error < 0.05 * max(1.0, abs(best.share)) and best.left <= RECORDER.exact
         if told and abs(best.share - 1.0) > max(least, RECORDER.gain):
@@ -319,9 +318,9 @@ class _Look:
             RECORDER.errors * answer.error, RECORDER.answer[0] * self.dt, RECORDER.answer[1]
         )
         if named is not None and abs(late) > least:
-            yield _late("x", f"the answer of the controlled element {named.name}", late, self.dt)
+            yield _late("x", f"the answer of the controlled element {named.name}", late)
         elif named is None and late < -least:
-            yield _late("u", "x", -late, self.dt)
+            yield _late("u", "x", -late)
 
     def copies(self) -> Iterator[Finding]:
         """Runs whose control is the same to the last bit."""
@@ -341,11 +340,11 @@ def _band_ends(name: str, size: float, usable: float, why: str) -> Finding:
     return Finding("low-pass", name, grade, size, "Hz", words, usable)
 
 
-def _late(name: str, other: str, late: float, dt: float) -> Finding:
+def _late(name: str, other: str, late: float) -> Finding:
     word, by = ("late", "earlier") if late > 0 else ("early", "later")
     words = (
-        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other} ({abs(late) / dt:.2g} "
-        f"samples), and delays are wrong by as much; take {name} so much {by}"
+        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other}, and delays are wrong by as "
+        f"much; take {name} so much {by}"
     )
     grade: Grade = "doubt" if name in ("ft", "fd") else "wrong"
     return Finding("late-signal", name, grade, late, "s", words)
@@ -382,8 +381,8 @@ def _begins_again(signal: FloatArray, sample: int) -> bool:
     return bool(np.std(apart) <= RECORDER.again * np.std(signal))
 
 
-def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:
-    """Mean difference over that of the smallest phase of every k, that k, and the order."""
+def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int]:
+    """Mean difference over that of the smallest phase of every k, and that k; 0 for no grid."""
     scores = []
     for order in (1, 2, 4):
         size = np.abs(np.diff(signal, order, axis=1))
@@ -394,12 +393,12 @@ def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:
             scores.append((share, -order, -step, score))
     share, order, step, score = max(scores, default=(0.0, 0, 0, 0.0))
     if not share:
-        return 0.0, 0, 0
+        return 0.0, 0
     # A forcing function that steps is no grid: without the largest values it still is one.
     size = np.abs(np.diff(signal, -order, axis=1)).mean(axis=0)
     blocks = np.sort(size[: size.size // -step * -step].reshape(-1, -step), axis=0)
     score, share = _of_phases(blocks[: math.ceil(STEADY * len(blocks))].mean(axis=0))
-    return (score, -step, -order) if share else (0.0, 0, 0)
+    return (score, -step) if share else (0.0, 0)
 
 
 def _of_phases(phases: FloatArray) -> tuple[float, float]:

@@ -230,8 +230,6 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
     run
         One of its runs alone; None for all.
     """
-    if run is not None and recording.runs == 1:
-        return plant_of(recording)
     rows = slice(None) if run is None else slice(run, run + 1)
     output, control = (_spectrum(recording, signal[rows]) for signal in (recording.x, recording.u))
     forcing = None if recording.fd is None else _spectrum(recording, recording.fd[rows])
@@ -319,16 +317,14 @@ def opposed(recording: Recording) -> Remark | None:
     if not wrong:
         return None
     first, names = next(iter(wrong.items()))
-    where = f" in run {first + 1}" if len(wrong) < len(known) else ""  # others are right
-    remedy = (
-        "turn it round in the file, or leave that run out with --runs"
-        if where
-        else f"flip with --map {recording.flipped(*names)}"
-    )
+    where, cure = "", f"flip with --map {recording.flipped(*names)}"
+    if len(wrong) < len(known):  # others are right
+        where = f" in run {first + 1}"
+        cure = "turn it round in the file, or leave that run out with --runs"
     return Remark(
         "wrong-sign",
         f"{' and '.join(names)} {'have' if len(names) > 1 else 'has'} the wrong sign{where}: the "
-        f"pilot's gain is negative, unless the controlled element's is; {remedy}",
+        f"pilot's gain is negative, unless the controlled element's is; {cure}",
     )
 
 

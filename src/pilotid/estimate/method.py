@@ -165,11 +165,8 @@ def fault_of(estimate: object, model: PilotModel) -> str:
     shapes = {"values": (count,), "covariance": (count, count), "intervals": (count, 2)}
     for name, shape in shapes.items():
         given = getattr(estimate, name)
-        if (
-            not isinstance(given, np.ndarray)
-            or given.shape != shape
-            or given.dtype.kind not in "fiu"
-        ):
+        is_real = isinstance(given, np.ndarray) and given.dtype.kind in "fiu"
+        if not (is_real and given.shape == shape):
             return f"its {name} are no array of real numbers of the shape {shape}"
     values, covariance = estimate.values, estimate.covariance
     low, high = estimate.intervals.T
