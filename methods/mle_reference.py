@@ -38,12 +38,7 @@ from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.loops import is_stable
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.intervals import (
-    covariance_of,
-    errors_from,
-    profile_intervals,
-    with_information,
-)  # fmt: skip
+from pilotid.solve.intervals import covariance_of, errors_from, profile_intervals, with_information
 from pilotid.solve.least_squares import minimise
 
 

@@ -385,9 +385,7 @@ def element_changes(recording: Recording) -> Remark | None:
     signals, halves = (recording.x, drive_of(recording)), (slice(half), slice(-half, None))
     spectra = ([_spectrum(recording, signal, part) for signal in signals] for part in halves)
     told = response_ratios([_answer(x, v, half * recording.dt) for x, v in spectra])
-    if told is None:
-        return None
-    _, (_, second) = told
+    second = np.zeros(1) if told is None else told[1][1]
     if np.median(np.abs(second)) <= ELEMENT.changed:
         return None
     factor = float(np.exp(np.max(np.abs(second.real))))
