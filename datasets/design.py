@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
 
-from pilotid.bounds import GRID, line_information
+from pilotid.bounds import View, line_information
 from pilotid.datasets.experiments import experiment_of, inputs_of
 from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.datasets.scenarios import Scenario
@@ -43,8 +43,7 @@ ROUNDING = 1e-6  # by how much rounding may exceed a limit
 REFERENCE = {"e": 1.0, "u": 1.0}
 
 
-@dataclass(frozen=True, eq=False)
-class Design:
+class Design(NamedTuple):
     """A design, and what it is expected to give.
 
     Attributes
@@ -247,13 +246,10 @@ def _loop(
         control = closed_loop(scenario, sines.omega).u[cause]
         parts.append((*inputs_of(scenario, sines.omega, cause), control))
     omega, e, x, u = map(np.concatenate, zip(*parts, strict=True))
-    grid = np.linspace(0.0, np.pi / scenario.dt, GRID + 1)
-    remnant = experiment.circulation(grid)
-    weights = np.full(GRID + 1, 1.0 / GRID) * remnant.density
-    weights[[0, -1]] *= 0.5
-    gains, free = {}, {}
-    noise = closed_loop(scenario, grid).u["remnant"]
-    for name, lines, noisy in (("e", e, remnant.error), ("u", u, noise)):
+    view, gains, free = View(experiment, None), {}, {}
+    weights = view.weights * view.circulation.density
+    noise = closed_loop(scenario, view.omega).u["remnant"]
+    for name, lines, noisy in (("e", e, view.circulation.error), ("u", u, noise)):
         by_lines, alone = np.abs(lines) ** 2, float(weights @ np.abs(noisy) ** 2)
         whole = alone + float(by_lines @ usual)
         gains[name], free[name] = by_lines / whole, alone / whole

@@ -110,21 +110,6 @@ def _transient(scenario: Scenario) -> FloatArray:
 
 
 @lru_cache(maxsize=64)
-def _bound(scenario: Scenario) -> tuple[float, ...]:
-    level = _level(scenario)
-    rng = np.random.default_rng(SEED)
-    count = len(scenario.truth)
-    information = np.zeros((count, count))
-    for _ in range(RECORDINGS):
-        prediction = predict(simulate(scenario, rng), scenario.model, BAND)
-        shaping = level * remnant_shaping(scenario.constant_ends[0][0], prediction.s.imag)
-        spectra = prediction.row_spectra(scenario.values[None])[0, :-1] / shaping
-        rows = prediction.samples_of(spectra).reshape(count, -1)
-        # White noise of variance 1 at the recording's samples has less at fewer of them.
-        information += prediction.dt / scenario.dt * (rows @ rows.T) / RECORDINGS
-    return tuple(np.sqrt(np.diag(np.linalg.inv(information))).tolist())
-
-
 def bound_of(scenario: Scenario) -> FloatArray:
     """Standard errors that no unbiased method undercuts, the remnant's spectrum known.
 
@@ -136,6 +121,17 @@ def bound_of(scenario: Scenario) -> FloatArray:
     Returns
     -------
     FloatArray
-        Shape (parameters,).
+        Shape (parameters,); nobody may change it.
     """
-    return np.array(_bound(scenario))
+    level = _level(scenario)
+    rng = np.random.default_rng(SEED)
+    count = len(scenario.truth)
+    information = np.zeros((count, count))
+    for _ in range(RECORDINGS):
+        prediction = predict(simulate(scenario, rng), scenario.model, BAND)
+        shaping = level * remnant_shaping(scenario.constant_ends[0][0], prediction.s.imag)
+        spectra = prediction.row_spectra(scenario.values[None])[0, :-1] / shaping
+        rows = prediction.samples_of(spectra).reshape(count, -1)
+        # White noise of variance 1 at the recording's samples has less at fewer of them.
+        information += prediction.dt / scenario.dt * (rows @ rows.T) / RECORDINGS
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(information))))

@@ -14,10 +14,10 @@ import csv
 import json
 import os
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -182,8 +182,7 @@ TASKS = HERE / "tasks"
 DATA = "PILOTID_DATA"
 
 
-@dataclass(frozen=True, eq=False)
-class FixedTask:
+class FixedTask(NamedTuple):
     """A recording to identify, and what it was made of.
 
     Attributes
@@ -201,7 +200,6 @@ class FixedTask:
     bound: FloatArray
 
 
-@cache
 def fixed_tasks() -> tuple[str, ...]:
     """The names of all fixed tasks, such as ``nominal-0``."""
     return tuple(_known())

@@ -17,7 +17,7 @@ import numpy as np
 
 from pilotid.datasets.signals import Multisine, TabulatedRemnant
 from pilotid.estimate.quantities import RemnantEstimate
-from pilotid.recording.recording import Recording
+from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.recording.spectra import floors_of, known_lines
 from pilotid.support.types import FloatArray, InputError, IntArray
 
@@ -29,7 +29,6 @@ SAME_SIGNAL = 0.02
 RETURN_SECONDS = 5.0  # seconds in which a signal without whole periods returns to where it began
 SMALLEST_LINE = 1e-3  # a line is kept if its amplitude is at least this share of the largest one
 FAINT = 1e-4  # share of a signal's rms below which a recorder's noise is left out
-SIGNALS = ("e", "u", "x", "ft", "fd")
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ class Recorder:
     headroom: float = 2.0
     decimals: int = 0
     makes_error: bool = False
-    filtered: tuple[str, ...] = SIGNALS
+    filtered: tuple[str, ...] = tuple(SIGNALS)
     smoothed: float = 0.0
     late: tuple[tuple[str, int], ...] = ()
     lost: float = 0.0

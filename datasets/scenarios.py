@@ -256,21 +256,21 @@ class Scenario:
 NOMINAL = Scenario("nominal", "both forcing functions, remnant gain 0.4 (Fig. 3, Table 3)")
 
 
-def _varied(name: str, description: str, base: Scenario = NOMINAL, **changes: Any) -> Scenario:
-    """A scenario that differs from another in some attributes."""
-    return replace(base, name=name, description=description, **changes)
+def _varied(name: str, description: str, **changes: Any) -> Scenario:
+    """A scenario that differs from the nominal one in some attributes."""
+    return replace(NOMINAL, name=name, description=description, **changes)
 
 
 def _of_the_paper() -> list[Scenario]:
     # The paper raises the disturbance and the remnant four times in these cases.
     louder = replace(NOMINAL.remnant, level=4.0 * NOMINAL.remnant.level)
-    step = half_and_half_step(NOMINAL.duration)
     at_rest = "visual channel alone, both forcing functions, remnant gain 0.4"
     control_case = "nominal with a white remnant of 15 % power: every method's control case"
     disturbed = "disturbance alone, forcing and remnant four times nominal (Table 3)"
     stepped = "step disturbance alone, forcing and remnant four times nominal (Table 3)"
     starts = "one nominal recording, initial guesses within 40 % of the truth (Fig. 5)"
-    loud, jump = paper_disturbance().scaled(4.0), step.scaled(4.0)
+    loud = paper_disturbance().scaled(4.0)
+    step, jump = (half_and_half_step(NOMINAL.duration, size) for size in (1.0, 4.0))
     return [
         NOMINAL,
         _varied("single", at_rest, model=SINGLE, truth=PILOT_AT_REST),

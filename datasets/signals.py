@@ -29,15 +29,7 @@ Shape = Literal["low-pass", "band-pass", "notch", "two processes", "fractional"]
 
 
 class Forcing:
-    """A deterministic signal and its exact passage through a linear system.
-
-    Attributes
-    ----------
-    lines
-        Lines excited, as multiples of 2 pi / period; empty if it is no multisine.
-    """
-
-    lines: tuple[int, ...]
+    """A deterministic signal and its exact passage through a linear system."""
 
     def at(self, time: FloatArray) -> FloatArray:
         """The signal at `time` [s], both of shape (times,)."""
@@ -122,7 +114,6 @@ class Steps(Forcing):
 
     times: tuple[float, ...]
     jumps: tuple[float, ...]
-    lines = ()
 
     # Response by Fourier series: the signal returns to zero after the last sample and rests
     # so long [s] that the system forgets it within one period.
@@ -148,10 +139,6 @@ class Steps(Forcing):
         coefficients *= anti_aliasing(omega, dt)
         answer = irfft(coefficients * response(omega) * count, n=count)
         return np.asarray(answer[..., : time.size])
-
-    def scaled(self, gain: float) -> Steps:
-        """The same signal times a gain."""
-        return replace(self, jumps=tuple(gain * j for j in self.jumps))
 
 
 def paper_target() -> Multisine:
@@ -277,12 +264,14 @@ class Remnant:
 
     def filter(self, omega: FloatArray) -> ComplexArray:
         """Frequency response of the shaping filter, shape (n,)."""
-        s = 1j * np.asarray(omega, dtype=float)
-        if self.shape == "fractional":
-            return np.asarray((1.0 + s / self.frequency) ** -self.slope)
-        low_pass = self._low_pass(s)
+        s, w = 1j * np.asarray(omega, dtype=float), self.frequency
+        first = 1.0 / (1.0 + s / w)
+        second = w * w / (s * s + 2.0 * self.damping * w * s + w * w)
+        low_pass = (np.ones_like(s), first, second, first * second)[self.order]
         w = self.second
         match self.shape:
+            case "fractional":
+                return np.asarray((1.0 + s / self.frequency) ** -self.slope)
             case "band-pass":
                 # A hundredth is left at rest, so that the spectrum has a logarithm.
                 return np.asarray(low_pass * (s + 0.01 * w) / (s + w))
@@ -297,12 +286,6 @@ class Remnant:
                 return np.asarray(np.hypot(np.abs(low_pass), np.abs(band)) + 0j)
             case _:
                 return low_pass
-
-    def _low_pass(self, s: ComplexArray) -> ComplexArray:
-        first = 1.0 / (1.0 + s / self.frequency)
-        w = self.frequency
-        second = w * w / (s * s + 2.0 * self.damping * w * s + w * w)
-        return (np.ones_like(s), first, second, first * second)[self.order]
 
     def white_noise(self, rng: np.random.Generator, shape: tuple[int, int]) -> FloatArray:
         """The noise that drives it, of variance 1, shape (runs, samples).

@@ -9,7 +9,7 @@ Only what is not linear, or not constant, is stepped through time, see
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -66,15 +66,6 @@ def closed_loop(scenario: Scenario, omega: FloatArray) -> ClosedLoop:
     )
 
 
-def require_stable(scenario: Scenario) -> None:
-    """Refuse a closed loop that is not stable before and after all changes."""
-    if all(is_stable(end.model, end.values, end.element) for end, _ in scenario.constant_ends):
-        return
-    raise InputError(
-        f"scenario {scenario.name}: the closed loop is unstable; lower the gains or the delays"
-    )
-
-
 def remnant_shaping(scenario: Scenario, omega: FloatArray) -> ComplexArray:
     """What makes the remnant at the control of white noise, shape (n,)."""
     shaping = scenario.remnant.filter(omega)
@@ -91,12 +82,12 @@ def remnant_shaping(scenario: Scenario, omega: FloatArray) -> ComplexArray:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Prepared:
+class _Prepared(NamedTuple):
     """What all recordings of a scenario share."""
 
     time: FloatArray
     run_in: int
+    grid: int  # samples of the remnant's period
     u_forced: FloatArray
     x_forced: FloatArray
     remnant_to_n: ComplexArray
@@ -104,17 +95,15 @@ class _Prepared:
     loop: ClosedLoop
     level: float
 
-    @property
-    def grid(self) -> int:
-        """Samples of the remnant's period."""
-        return 2 * (self.remnant_to_n.size - 1)
-
 
 @lru_cache(maxsize=64)
 def _prepared(scenario: Scenario) -> _Prepared:
     from scipy.fft import next_fast_len
 
-    require_stable(scenario)
+    if not all(is_stable(end.model, end.values, end.element) for end, _ in scenario.constant_ends):
+        raise InputError(
+            f"scenario {scenario.name}: the closed loop is unstable; lower the gains or the delays"
+        )
     run_in = round(scenario.run_in / scenario.dt)
     samples = run_in + round(scenario.duration / scenario.dt)
     time = (np.arange(samples, dtype=float) - run_in) * scenario.dt
@@ -136,6 +125,7 @@ def _prepared(scenario: Scenario) -> _Prepared:
     return _Prepared(
         time,
         run_in,
+        grid,
         u_forced,
         x_forced,
         shaping,

@@ -85,8 +85,7 @@ def stepped(
     else:
         element = SteppedElement(scenario.element, scenario.change, time)
     late = scenario.element.delay / h
-    e, u, y = (np.zeros((len(noise), count)) for _ in range(3))
-    x = y if late == 0.0 else np.zeros_like(y)
+    e, u, y, x = (np.zeros((len(noise), count)) for _ in range(4))
     given = {"e": e, "x": x, "ft": np.broadcast_to(target, (len(e), seen))}
     for begin in range(0, count, block):
         now = np.arange(begin, min(begin + block, count))
@@ -96,8 +95,7 @@ def stepped(
         violation = scenario.violation
         u[:, now] = command if violation is None else violation.stick(command, rms)
         y[:, now] = element.through(u[:, now] + disturbance[now])
-        if late > 0.0:
-            x[:, now] = _delayed(y, now - late)
+        x[:, now] = _delayed(y, now - late)
         e[:, now] = target[now] - x[:, now]
     recorded = slice(before * fine, None, fine)
     return u[:, recorded], x[:, recorded]

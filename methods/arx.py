@@ -45,7 +45,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -192,10 +192,10 @@ class ARX:
         if self.memory is not None:
             longest = max(longest, math.floor(self.memory / dt + 1e-9))
             poles = max(poles, self.long_poles)
-        regression = _regression(prediction, poles, [(low, longest)] * inputs)
+        widest = Structure(poles, (longest - low + 1,) * inputs, (low,) * inputs)
+        regression = _regression(prediction, widest)
         if self.memory is not None:
-            zeros = (longest - low + 1,) * inputs
-            return regression, Structure(self.long_poles, zeros, (low,) * inputs)
+            return regression, replace(widest, poles=self.long_poles)
         structures = [
             Structure(p, (z,) * inputs, delays)
             for p in self.poles
@@ -211,24 +211,22 @@ def _moves(recording: Recording, forcing: FloatArray) -> bool:
     return bool(np.max(np.ptp(forcing, axis=1)) > 1e-9 * size)
 
 
-def _regression(prediction: Prediction, poles: int, lags: list[tuple[int, int]]) -> Regression:
+def _regression(prediction: Prediction, widest: Structure) -> Regression:
     """The regression with those nuisance terms that the recording shows."""
     output, inputs = prediction.signals
-    zeros, delays = zip(*((high - low + 1, low) for low, high in lags), strict=True)
-    everything = Structure(poles, zeros, delays)
     count = len(prediction.nuisance_poles)
 
     def regression(terms: int) -> Regression:
         nuisance = prediction.nuisance_terms[:, :terms]
-        return Regression(output, inputs, poles, lags, prediction.first, nuisance)
+        return Regression(output, inputs, widest, prediction.first, nuisance)
 
     full = regression(count)
-    cost = full.cost(everything)
-    variance = cost / max(1, full.samples - everything.parameters)
+    cost = full.cost(widest)
+    variance = cost / max(1, full.samples - widest.parameters)
     for terms in range(count):
         smaller = regression(terms)
         left = prediction.runs * (count - terms)
         limit = chi_squared_limit(left, ESTIMATE.seldom)
-        if smaller.cost(everything) - cost <= limit * variance:
+        if smaller.cost(widest) - cost <= limit * variance:
             return smaller
     return full

@@ -30,14 +30,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimate.estimate import Estimate
 from pilotid.likelihood.estimates import WhiteLikelihood
-from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.prediction import predict
-from pilotid.likelihood.search import SEARCH_BAND
 from pilotid.model.model import PilotModel
-from pilotid.recording.recording import Recording
-from pilotid.solve.least_squares import evolve
+from pilotid.solve.least_squares import Gram, Minima, evolve
 
 
 @dataclass(frozen=True)
@@ -59,20 +54,6 @@ class MLEGenetic(WhiteLikelihood):
     name: ClassVar[str] = "mle-genetic"
     libraries: ClassVar[tuple[str, ...]] = ("scipy.optimize",)
 
-    def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
-        """Minimise the sum of squares of the residual.
-
-        Parameters
-        ----------
-        recording
-            The recording; all its runs are fitted jointly.
-        model
-            The pilot model; its start plays no part.
-        rng
-            Draws the generations.
-        """
-        coarse = Likelihood(predict(recording, model, SEARCH_BAND))
-        ends = evolve(
-            coarse.gram, model, rng, population=self.population, generations=self.generations
-        )
-        return self.polished(recording, model, ends)
+    def search(self, gram: Gram, model: PilotModel, rng: np.random.Generator) -> Minima:
+        """By generations that `rng` draws; the model's start plays no part."""
+        return evolve(gram, model, rng, population=self.population, generations=self.generations)

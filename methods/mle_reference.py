@@ -38,12 +38,7 @@ from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.loops import is_stable
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.intervals import (
-    covariance_of,
-    errors_from,
-    profile_intervals,
-    with_information,
-)  # fmt: skip
+from pilotid.solve.intervals import covariance_of, errors_from, profile_intervals, with_information
 from pilotid.solve.least_squares import minimise
 
 
@@ -87,10 +82,8 @@ class MLEReference(LikelihoodSettings):
         optimum = maximise_likelihood(recording, model, rng, self)
         element = closing_element(recording)
         assert element is not None
-        candidates = (
-            [optimum.pilot] if optimum.is_credible else [*optimum.lines_pilot, optimum.pilot]
-        )
-        values = candidates[0][None]
+        instead = () if optimum.is_credible else optimum.lines_pilot
+        values = next(iter(instead), optimum.pilot)[None]
         if not is_stable(model, values[0], element):
             why = f"the loop of the pilot and {element.name} is unstable: there are no instruments"
             return failed(self.name, model, Outcome.NOT_APPLICABLE, why)

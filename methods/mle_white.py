@@ -14,19 +14,15 @@ the recording, and its standard errors are far too small.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimate.estimate import Estimate
-from pilotid.likelihood.estimates import WhiteLikelihood, starts_of
-from pilotid.likelihood.likelihood import Likelihood
-from pilotid.likelihood.prediction import predict
-from pilotid.likelihood.search import CANDIDATES, REFINED, SEARCH_BAND
+from pilotid.likelihood.estimates import WhiteLikelihood
+from pilotid.likelihood.search import CANDIDATES, REFINED
 from pilotid.model.model import PilotModel
-from pilotid.recording.recording import Recording
-from pilotid.solve.least_squares import search
+from pilotid.solve.least_squares import Gram, Minima, search
 
 
 @dataclass(frozen=True)
@@ -41,18 +37,6 @@ class MLEWhite(WhiteLikelihood):
 
     name: ClassVar[str] = "mle-white"
 
-    def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
-        """Minimise the sum of squares of the residual.
-
-        Parameters
-        ----------
-        recording
-            The recording; all its runs are fitted jointly.
-        model
-            The pilot model, whose start is one of the starts of the search.
-        rng
-            Draws the other starts.
-        """
-        coarse = Likelihood(predict(recording, model, SEARCH_BAND))
-        ends = search(coarse.gram, model, rng, candidates=CANDIDATES, refined=REFINED)
-        return replace(self.polished(recording, model, ends), starts=starts_of(ends))
+    def search(self, gram: Gram, model: PilotModel, rng: np.random.Generator) -> Minima:
+        """From several starts, of which the model's is one; `rng` draws the others."""
+        return search(gram, model, rng, candidates=CANDIDATES, refined=REFINED)

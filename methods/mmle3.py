@@ -18,7 +18,7 @@ residual makes it inconsistent for a coloured remnant.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar, Literal
@@ -34,7 +34,6 @@ from pilotid.likelihood.prepare import Prepared
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.intervals import covariance_of
-from pilotid.support.remarks import Remark
 from pilotid.support.types import ComplexArray, FloatArray
 
 Hold = Literal["zoh", "foh"]
@@ -91,9 +90,7 @@ class MMLE3:
             return failed(self.name, model, Outcome.DIVERGED)
         residual = output.control - predicted
         damping = self.damping
-        iteration = 0
-        while iteration < self.iterations:
-            iteration += 1
+        for iteration in range(1, self.iterations + 1):  # noqa: B007 - it is reported
             cost = float(np.mean(residual**2))  # RR, whose inverse is W
             jacobian = output.jacobian(values)
             gradient = -jacobian @ residual.ravel() / cost
@@ -135,19 +132,8 @@ class MMLE3:
             outcome=Outcome.CONVERGED,
             message="",
             iterations=iteration,
-            remarks=(*_far_off(model, values), *too_short(Likelihood(prediction), values)),
+            remarks=too_short(Likelihood(prediction), values),
         )
-
-
-def _far_off(model: PilotModel, values: FloatArray) -> Iterator[Remark]:
-    """A remark on each value that other methods' bounds exclude: this one has none."""
-    for p, value in zip(model.parameters, values.tolist(), strict=True):
-        if not p.lower <= value <= p.upper:
-            yield Remark(
-                "outside-range",
-                f"{p.key} = {value:.3g} lies outside {p.lower:g} to {p.upper:g}, where no pilot "
-                "is: give another --start",
-            )
 
 
 class _Output:

@@ -152,11 +152,9 @@ class SINDy:
         triangle = triangle_of(np.concatenate(blocks))
         size = structure.parameters
         coefficients = prune(triangle, self.threshold)
-        members = np.empty((self.members, size))
-        for member in members:
-            picked = rng.integers(len(blocks), size=len(blocks))
-            resampled = triangle_of(np.concatenate([blocks[i] for i in picked]))
-            member[:] = prune(resampled, self.threshold)
+        picked = rng.integers(len(blocks), size=(self.members, len(blocks)))
+        resampled = [triangle_of(np.concatenate([blocks[i] for i in some])) for some in picked]
+        members = np.array([prune(rows, self.threshold) for rows in resampled])
         cost = float(np.sum((triangle[:, -1] - triangle[:, :-1] @ coefficients) ** 2))
         variance = cost / (library.count - size)
         covariance = ensemble_covariance(members - coefficients, triangle[:size, :size], variance)
@@ -169,35 +167,32 @@ class Library:
     def __init__(self, settings: SINDy, recording: Recording, model: PilotModel) -> None:
         self.prediction = prediction = predict(recording, model, settings.band)
         self.dt = prediction.dt
-        self._poles = settings.own_lags
-        self._reach = max(2, math.floor(settings.memory / self.dt + 1e-9))
-        longest = math.floor(settings.longest_delay / self.dt + 1e-9)
-        self._longest = min(max(1, longest), self._reach - 1)
-        self._first = max(self._poles, self._reach)
+        reach = max(2, math.floor(settings.memory / self.dt + 1e-9))
+        longest = max(1, math.floor(settings.longest_delay / self.dt + 1e-9))
+        self._first = max(settings.own_lags, reach)
         control, inputs = prediction.signals
         begin = prediction.first - self._first
         self.control = control[:, begin:]
         self.inputs = [signal[:, begin:] for signal in inputs]
         self.count = prediction.runs * (prediction.scored - 1)
+        # From the one that begins at one sample and has all lags.
+        grid = range(1, min(longest, reach - 1) + 1)
+        self._structures = [
+            Structure(settings.own_lags, tuple(reach - d + 1 for d in delays), delays)
+            for delays in itertools.product(grid, repeat=len(inputs))
+        ]
 
     def best_delays(self) -> Structure:
         """The structure whose delays have the best Bayesian information criterion."""
-        grid = range(1, self._longest + 1)
-        structures = [
-            Structure(self._poles, tuple(self._reach - d + 1 for d in delays), delays)
-            for delays in itertools.product(grid, repeat=len(self.inputs))
-        ]
-        lags = [(1, self._reach)] * len(self.inputs)
-        regression = Regression(self.control, self.inputs, self._poles, lags, self._first)
-        return regression.best(structures, 1.0)
+        regression = Regression(self.control, self.inputs, self._structures[0], self._first)
+        return regression.best(self._structures, 1.0)
 
     def blocks(self, structure: Structure, length: float) -> list[FloatArray]:
         """Triangular factors of blocks of rows, none of which spans two runs.
 
         A triangular factor stands for its rows: all inner products are the same.
         """
-        lags = [(d, self._reach) for d in structure.delays]
-        rows = lagged_rows(self.control, self.inputs, self._poles, lags, self._first)
+        rows = lagged_rows(self.control, self.inputs, structure, self._first)
         rows = rows - rows.mean(axis=1, keepdims=True)
         runs, samples, _ = rows.shape
         least = math.ceil(MIN_BLOCKS / runs)
@@ -276,8 +271,6 @@ def unusable(sparse: BlackBox, model: PilotModel) -> str:
 
 def undetermined(response: FrequencyResponse, model: PilotModel) -> str:
     """Why a response is too vague to fit a pilot model to; empty if it is not."""
-    if not np.all(np.isfinite(response.covariance)):
-        return "the response of the sparse model is not finite"
     errors = np.median(response.std / np.abs(response.value), axis=1)
     worst = int(np.argmax(errors))
     if errors[worst] <= VAGUE:

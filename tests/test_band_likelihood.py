@@ -229,8 +229,8 @@ def test_a_part_of_the_frequencies_is_biased_without_the_loop() -> None:
     def shift(band: float | None) -> float:
         """To first order, in standard errors: of direct prediction errors, for tdvest."""
         view = View(experiment_of(scenario), band)
-        rows = view.remnant_rows(view.omega, view.circulation, scenario.values)[:-1]
-        forced = view.line_rows(scenario.values)[:-1] / np.sqrt(view.at_lines.density)
+        rows = view.rows(view.remnant, scenario.values, 1.0)[:-1]
+        forced = view.rows(view.lines, scenario.values, 0.0)[:-1] / np.sqrt(view.at_lines.density)
         information = view.samples * view.products(rows, rows)
         information += 0.5 * scenario.duration / scenario.dt * (forced @ forced.conj().T).real
         # The prediction error is a unit of remnant; what the loop's term takes off is this score.

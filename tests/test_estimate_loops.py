@@ -22,7 +22,7 @@ from helpers import (
 
 from pilotid.datasets import Scenario
 from pilotid.estimate.estimate import Outcome, failed
-from pilotid.estimate.loops import margin_slopes, sampled_loops
+from pilotid.estimate.loops import both_loops, margin_slopes
 from pilotid.methods.mle import MLE
 from pilotid.model.catalogue import MODELS, SINGLE
 from pilotid.model.element import (
@@ -99,9 +99,8 @@ def test_the_effective_delay_is_that_of_the_crossover_model_with_its_error() -> 
     wc, margin_of, late = loop.crossover.value, loop.phase_margin.value, loop.effective_delay
     model = np.exp(-1j * wc * late.value) / 1j
     assert np.degrees(np.angle(model)) + 180.0 == pytest.approx(margin_of)
-    own = sampled_loops(
-        scenario.model, scenario.values, gaussian(scenario.values, errors), scenario.element
-    )[0]
+    sets, covariance = gaussian(scenario.values, errors), np.diag(errors**2)
+    own = both_loops(SINGLE, scenario.values, scenario.element, covariance, sets)[0]
     assert own.effective_delay.value == pytest.approx(late.value, rel=0.02)
     assert late.std_error == pytest.approx(own.effective_delay.std_error, rel=0.15)
 
@@ -161,7 +160,7 @@ def test_draws_keep_to_the_estimate_s_crossing() -> None:
     sets = gaussian(RESONANT, ERRORS * np.array([1.0, 1.0, 1.0, 1.0, 3.0]))
     counts = {len(margins(SINGLE, own, element)[0].others) for own in sets[:100]}
     assert counts == {0, 1}
-    (target, _) = sampled_loops(SINGLE, RESONANT, sets, element)
+    target, _ = both_loops(SINGLE, RESONANT, element, np.diag(ERRORS**2), sets)
     assert target.remark == ""
     assert np.abs(np.array(target.crossover.interval) / at.crossover - 1.0).max() < 0.25
     # To first order the same.
@@ -185,9 +184,8 @@ def test_phase_margins_are_continuous_where_the_phase_wraps() -> None:
     here, _ = margins(SINGLE, SINGLE_LOOP.values, element)
     assert here.phase_margin == pytest.approx(-179.0, abs=0.1)
     errors = np.array([0.0, 0.0, 0.03, 0.0, 0.0])
-    target, _ = sampled_loops(
-        SINGLE, SINGLE_LOOP.values, gaussian(SINGLE_LOOP.values, errors), element
-    )
+    sets = gaussian(SINGLE_LOOP.values, errors)
+    target, _ = both_loops(SINGLE, SINGLE_LOOP.values, element, np.diag(errors**2), sets)
     assert target.phase_margin.lower < -180.0
     expected = np.degrees(here.crossover * gaussian(SINGLE_LOOP.values, errors)[:, 2].std())
     assert target.phase_margin.std_error == pytest.approx(expected, rel=1e-3)

@@ -25,6 +25,7 @@ DENOMINATOR = np.array([1.0, -1.2, 0.5])
 NUMERATORS = (np.array([0.4, 0.3]), np.array([-0.5, 0.2]))
 DELAYS = (3, 2)
 TRUE = Structure(2, (2, 2), DELAYS)
+WIDEST = Structure(4, (8, 8), (1, 1))
 NOISE = 0.3
 
 
@@ -55,7 +56,7 @@ def test_rows_written_out() -> None:
     output = np.array([[1.0, 2.0, 3.0, 4.0, 5.0], [10.0, 20.0, 30.0, 40.0, 50.0]])
     one = np.array([[0.1, 0.2, 0.3, 0.4, 0.5], [1.1, 1.2, 1.3, 1.4, 1.5]])
     two = np.array([[6.0, 7.0, 8.0, 9.0, 0.0], [60.0, 70.0, 80.0, 90.0, 0.0]])
-    rows = lagged_rows(output, [one, two], 2, [(1, 2), (3, 3)], 3)
+    rows = lagged_rows(output, [one, two], Structure(2, (2, 1), (1, 3)), 3)
     # -u(t-1), -u(t-2), one(t-1), one(t-2), two(t-3), u(t); no row of the second run looks
     # back into the first.
     assert rows.tolist() == [
@@ -68,8 +69,7 @@ def plain(
     signals: list[FloatArray], structure: Structure, first: int
 ) -> tuple[FloatArray, float, FloatArray]:
     """Coefficients, cost and covariance with a constant for each run, by `lstsq`."""
-    lags = [(d, d + z - 1) for d, z in zip(structure.delays, structure.zeros, strict=True)]
-    rows = lagged_rows(signals[0], signals[1:], structure.poles, lags, first)
+    rows = lagged_rows(signals[0], signals[1:], structure, first)
     runs, samples, _ = rows.shape
     constants = np.kron(np.eye(runs), np.ones((samples, 1)))
     table = np.concatenate([rows.reshape(runs * samples, -1), constants], axis=1)
@@ -85,7 +85,7 @@ def plain(
 
 def test_costs_of_one_factorisation_are_those_of_plain_least_squares() -> None:
     signals = true_arx(np.random.default_rng(1), 120, runs=3)
-    regression = Regression(signals[0], signals[1:], 4, [(1, 8), (1, 8)], 8)
+    regression = Regression(signals[0], signals[1:], WIDEST, 8)
     structures = grid(range(5), range(1, 5), range(1, 6))
     for structure in structures[::17]:
         coefficients, cost, covariance = plain(signals, structure, 8)
@@ -99,7 +99,7 @@ def test_a_pilot_s_ill_conditioned_rows_keep_their_precision() -> None:
     recording = simulate(scenario_named("nominal"), np.random.default_rng(3))
     u, e, x = (s[:, ::2] for s in (recording.u, recording.e, recording.x))
     structure = Structure(8, (10, 10), (3, 3))
-    regression = Regression(u, [e, x], 8, [(3, 12), (3, 12)], 12)
+    regression = Regression(u, [e, x], structure, 12)
     assert regression.cost(structure) == pytest.approx(plain([u, e, x], structure, 12)[1], rel=1e-6)
 
 
@@ -108,10 +108,7 @@ def test_a_drift_of_each_run_can_be_fitted_besides() -> None:
     drift = np.arange(200.0)
     drifting = [s + np.array([[3.0], [-2.0]]) + 0.1 * drift for s in signals]
     nuisance = np.stack([np.ones(195), drift[5:]], axis=1)
-    fits = [
-        Regression(s[0], s[1:], 2, [(3, 4), (2, 3)], 5, nuisance).fit(TRUE)
-        for s in (signals, drifting)
-    ]
+    fits = [Regression(s[0], s[1:], TRUE, 5, nuisance).fit(TRUE) for s in (signals, drifting)]
     assert fits[1].coefficients == pytest.approx(fits[0].coefficients, rel=1e-8)
 
 
@@ -121,7 +118,7 @@ def test_a_drift_of_each_run_can_be_fitted_besides() -> None:
 @pytest.mark.parametrize("weight", [1.0, 3.0])
 def test_the_search_finds_orders_and_delays_of_a_true_system(weight: float) -> None:
     signals = true_arx(np.random.default_rng(5), 400, runs=3)
-    regression = Regression(signals[0], signals[1:], 4, [(1, 8), (1, 8)], 8)
+    regression = Regression(signals[0], signals[1:], WIDEST, 8)
     best = regression.best(grid(range(1, 5), range(1, 5), range(1, 5)), weight)
     assert best == TRUE
 
@@ -139,7 +136,7 @@ def test_the_response_s_covariance_is_its_scatter() -> None:
     found, claimed = [], []
     for replication in range(400):
         signals = true_arx(np.random.default_rng(replication), 600)
-        fit = Regression(signals[0], signals[1:], 2, [(3, 4), (2, 3)], 5).fit(TRUE)
+        fit = Regression(signals[0], signals[1:], TRUE, 5).fit(TRUE)
         value, covariance = fit.response(omega, DT, factors)
         found.append(real_parts(value))
         claimed.append(covariance)

@@ -150,7 +150,7 @@ def test_channels_that_act_on_one_signal() -> None:
         simulate(SCENARIOS[name], np.random.default_rng(1))
         for name in ("disturbance-only", "nominal", "disturbance-step")
     )
-    word = "there is no target, so that e = -x and the visual and vestibular channels act on one"
+    word = "two channels act on one signal, as without a target e = -x"
     assert word in (one_signal(alone, MULTI) or "")
     assert one_signal(alone, SINGLE) is one_signal(both, MULTI) is None
     rng = np.random.default_rng(1)

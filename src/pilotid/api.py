@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, TypeVar, cast, overload
 
 import numpy as np
 
-from pilotid.checks.element_fit import recording_remarks
 from pilotid.datasets.named import AnyScenario, scenario_named
 from pilotid.datasets.population import Population
 from pilotid.datasets.scenarios import Scenario
@@ -86,7 +85,7 @@ def identify(
         rng = fit_rng(rng, label_of(chosen))
     known = cast(Recording, _require(recording, Recording, "recording"))
     estimate = run_method(chosen, known, _model(model), rng)
-    return replace(estimate, remarks=(*recording_remarks(known), *estimate.remarks))
+    return replace(estimate, remarks=(*check(known).remarks, *estimate.remarks))
 
 
 def _model(given: PilotModel | str) -> PilotModel:

@@ -102,6 +102,7 @@ class View:
         self.weights = np.full(GRID + 1, 1.0 / GRID)  # trapezoidal rule, of a mean
         self.weights[[0, -1]] *= 0.5
         self.circulation = experiment.circulation(self.omega)
+        self.remnant = self.omega, self.circulation.error, self.circulation.output
         omega, error, output = experiment.lines
         inside = omega < self.band
         self.lines = omega[inside], error[inside], output[inside]
@@ -121,32 +122,22 @@ class View:
             return self.products(first, second)
         return np.asarray(2.0 * (first.real * self.weights) @ second.real.T)
 
-    def rows(self, inputs: Inputs, values: FloatArray, density: float) -> ComplexArray:
+    def rows(self, inputs: Inputs, values: FloatArray, own: float) -> ComplexArray:
         """Gradient of the predicted control for these inputs and, last, the residual, (rows, n).
 
-        The residual is what the true pilot answers less the predicted answer, and `own` that the
-        remnant adds to the control.
+        The residual is what the true pilot answers less the predicted answer, and `own`, which
+        the cause adds to the control itself: 1 for the remnant, 0 for forcing functions.
         """
         model, truth = self.experiment.model, self.experiment.values
         difference = model.response(inputs[0], truth) - model.response(inputs[0], values)
         missed = np.sum(difference * _signed(model, inputs), axis=0)
-        return np.vstack([gradient_of(model, inputs, values), density + missed])
-
-    def remnant_rows(
-        self, omega: FloatArray, circulation: Circulation, values: FloatArray
-    ) -> ComplexArray:
-        """`rows` for each unit of remnant."""
-        return self.rows((omega, circulation.error, circulation.output), values, 1.0)
-
-    def line_rows(self, values: FloatArray) -> ComplexArray:
-        """`rows` of the lines' phasors."""
-        return self.rows(self.lines, values, 0.0)
+        return np.vstack([gradient_of(model, inputs, values), own + missed])
 
     def mean_products(self, values: FloatArray) -> FloatArray:
         """Expected products of the gradient's and the residual's samples, after decimation."""
-        free = self.remnant_rows(self.omega, self.circulation, values)
+        free = self.rows(self.remnant, values, 1.0)
         free = free * np.sqrt(self.share * self.circulation.density)
-        forced = self.line_rows(values)
+        forced = self.rows(self.lines, values, 0.0)
         return np.asarray(self.products(free, free) + 0.5 * np.real(forced @ forced.conj().T))
 
     def score_covariance(self, values: FloatArray) -> FloatArray:
@@ -155,11 +146,12 @@ class View:
         The fourth moments of the circulating remnant follow from its second ones
         (Isserlis); a line's phasors multiply what the remnant does at its frequency.
         """
-        free = self.remnant_rows(self.omega, self.circulation, values)
+        free = self.rows(self.remnant, values, 1.0)
         direct = self.share * self.circulation.density * np.abs(free[-1]) * free[:-1]
         crossed = self.share * self.circulation.density * free[-1].conj() * free[:-1]
-        forced = self.line_rows(values)
-        free = self.remnant_rows(self.lines[0], self.at_lines, values)
+        forced = self.rows(self.lines, values, 0.0)
+        at_lines = self.lines[0], self.at_lines.error, self.at_lines.output
+        free = self.rows(at_lines, values, 1.0)
         mixed = forced[:-1].conj() * free[-1] + forced[-1].conj() * free[:-1]
         mixed = mixed * np.sqrt(0.5 * self.share * self.at_lines.density)
         return np.asarray(
@@ -169,8 +161,7 @@ class View:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Bounds:
+class Bounds(NamedTuple):
     """Lower bounds on the covariance of any unbiased estimator, (parameters, parameters).
 
     They are NaN where the information is singular.
@@ -221,17 +212,14 @@ def bounds(*experiments: Experiment, band: float | None = None) -> Bounds:
 
 def _remnant_information(view: View) -> tuple[FloatArray, FloatArray]:
     """Information per sample in the circulating remnant, and what its own parameters take of it."""
-    circulation = view.circulation
-    inputs = view.omega, circulation.error, circulation.output
-    gradient = gradient_of(view.experiment.model, inputs, view.experiment.values)
-    by_shape, _ = monic(0.5 * circulation.log_slopes, 2 * GRID)
+    gradient = gradient_of(view.experiment.model, view.remnant, view.experiment.values)
+    by_shape, _ = monic(0.5 * view.circulation.log_slopes, 2 * GRID)
     cross = view.information(gradient, by_shape)
     taken = cross @ np.linalg.solve(view.information(by_shape, by_shape), cross.T)
     return view.information(gradient, gradient), np.asarray(taken)
 
 
-@dataclass(frozen=True, eq=False)
-class WhiteLimit:
+class WhiteLimit(NamedTuple):
     """Output error with a residual taken for white, in the limit of a long recording.
 
     Attributes

@@ -47,6 +47,7 @@ def check(code: str, limit: float = 0.0) -> Callable[[Callable[[Recording], Foun
     return listed
 
 
+@remembered
 def remarks(recording: Recording) -> tuple[Remark, ...]:
     """What was done to a recording and what is wrong with it, a sentence each.
 
@@ -313,9 +314,8 @@ def exchanged(recording: Recording) -> Remark | None:
         return None
     return Remark(
         "exchanged",
-        f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows"
-        f"{', and answers to u as x should' if is_answer else ''}: e and x seem to be exchanged"
-        f"{'' if is_answer else ', unless the target is seen ahead'}; {_exchange(recording)}",
+        f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows: e "
+        f"and x seem to be exchanged, unless the target is seen ahead; {_exchange(recording)}",
         "wrong" if is_answer else "doubt",
     )
 

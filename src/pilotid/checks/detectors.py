@@ -15,7 +15,7 @@ from itertools import pairwise, permutations
 
 import numpy as np
 
-from pilotid.checks.element_forms import drive_of, fits_of, simplest, spectra_in_window
+from pilotid.checks.element_forms import drive_of, fits_of, simplest, spectra_of
 from pilotid.checks.plant import (
     MUCH,
     Answered,
@@ -154,14 +154,13 @@ class _Look:
     def grids(self) -> Iterator[Finding]:
         """Signals resampled from a lower rate: every k-th difference is small."""
         for name, signal in self.answers.items():
-            score, step, order = _grid(signal)
+            score, step = _grid(signal)
             rate = 1.0 / (step * self.dt) if step else 0.0
             # Edges of a target like a square wave repeat as slowly as nobody records.
             if score > RECORDER.grid and rate >= RECORDER.slowest:
-                how = {1: "held", 2: "linearly interpolated", 4: "interpolated by cubics"}[order]
                 words = (
-                    f"it was recorded at {rate:.3g} Hz and {how} between; give the samples as they "
-                    "were recorded"
+                    f"it was recorded at {rate:.3g} Hz, and held or interpolated between; give the "
+                    "samples as they were recorded"
                 )
                 yield _band_ends(name, rate, 0.25 / (step * self.dt), words)
 
@@ -191,19 +190,12 @@ class _Look:
         by_steps = RECORDER.converter_steps * step_of(self.recording, "x") / float(np.std(x))
         if ratio <= RECORDER.outlier[0] or share <= max(RECORDER.outlier[1], by_steps):
             return
-        at = sample * self.dt
+        at, why = sample * self.dt, "samples are lost or spiked; leave these parts out"
         if any(_begins_again(signal, sample) for signal in forced):
-            words = (
-                f"x jumps at t = {at:.4g} s, where the forcing functions begin again: several runs "
-                "follow one another as one; give each a column, or take one of them, for example "
-                f"with --span 0:{at:.6g}"
-            )
-            yield Finding("lost-samples", "x", "wrong", at, "s", words)
-            return
+            why = f"runs follow one another; give each a column, or take one: --span 0:{at:.6g}"
         words = (
             f"x jumps at {count} samples, first at t = {at:.4g} s of run {run + 1}, by up to "
-            f"{100.0 * share:.2g} % of its rms where u + fd do not: samples are lost or spiked; "
-            "leave these parts out"
+            f"{100.0 * share:.2g} % of its rms where u + fd do not: {why}"
         )
         yield Finding("lost-samples", "x", "wrong", float(count), "samples", words)
 
@@ -227,11 +219,11 @@ class _Look:
         least = np.maximum(RECORDER.errors * errors[2:4], RECORDER.identity * self.dt)
         late = -values[2:4] / values[:2]
         if np.all(np.abs(late) > least) and abs(late[0] - late[1]) <= least.max():
-            yield _late("e", "ft - x", -float(late.mean()), self.dt)
+            yield _late("e", "ft - x", -float(late.mean()))
             return
         for name, shift, limit in zip(("ft", "x"), late.tolist(), least.tolist(), strict=True):
             if abs(shift) > limit:
-                yield _late(name, "e", shift, self.dt)
+                yield _late(name, "e", shift)
 
     def times(self, faults: Sequence[Finding]) -> list[Finding]:
         """Times of u, fd and x against one another, and what the drive holds of fd."""
@@ -293,9 +285,9 @@ class _Look:
             moved = shifted(self.recording.u, self.dt, best.late)
             answer = _answer(replace(self.recording, u=moved)) if best.late < 0.0 else None
             if answer and abs(answer.late - best.late) < abs(answer.late):
-                yield _late("fd", "u", -best.late, self.dt)
+                yield _late("fd", "u", -best.late)
             else:
-                yield _late("u", "fd", best.late, self.dt)
+                yield _late("u", "fd", best.late)
         least = RECORDER.errors * best.share_error
         told = best.share_error < 0.05 * max(1.0, abs(best.share)) and best.left <= RECORDER.exact
         if told and abs(best.share - 1.0) > max(least, RECORDER.gain):
@@ -325,15 +317,10 @@ class _Look:
         least = RECORDER.biased * noise + max(
             RECORDER.errors * answer.error, RECORDER.answer[0] * self.dt, RECORDER.answer[1]
         )
-        if named is None and late < -least:
-            yield _late("u", "x", -late, self.dt)
         if named is not None and abs(late) > least:
-            words = (
-                f"x answers {1e3 * abs(late):.3g} ms {'later' if late > 0 else 'earlier'} than the "
-                f"controlled element {named.name} says: signals passed a filter or are shifted "
-                "in time, and delays are wrong by as much; or name the element with that delay"
-            )
-            yield Finding("late-signal", "x", "wrong", late, "s", words)
+            yield _late("x", f"the answer of the controlled element {named.name}", late)
+        elif named is None and late < -least:
+            yield _late("u", "x", -late)
 
     def copies(self) -> Iterator[Finding]:
         """Runs whose control is the same to the last bit."""
@@ -353,11 +340,11 @@ def _band_ends(name: str, size: float, usable: float, why: str) -> Finding:
     return Finding("low-pass", name, grade, size, "Hz", words, usable)
 
 
-def _late(name: str, other: str, late: float, dt: float) -> Finding:
+def _late(name: str, other: str, late: float) -> Finding:
     word, by = ("late", "earlier") if late > 0 else ("early", "later")
     words = (
-        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other} ({abs(late) / dt:.2g} "
-        f"samples), and delays are wrong by as much; take {name} so much {by}"
+        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other}, and delays are wrong by as "
+        f"much; take {name} so much {by}"
     )
     grade: Grade = "doubt" if name in ("ft", "fd") else "wrong"
     return Finding("late-signal", name, grade, late, "s", words)
@@ -367,7 +354,7 @@ def _answer(recording: Recording) -> Answered | None:
     """How much later x answers to u and fd than the element says that is named, or else shows."""
     element = parsed_element(recording.controlled_element)
     if element is not None:
-        return answered(spectra_in_window(recording), element)
+        return answered(spectra_of(recording), element)
     fits = fits_of(recording)
     best = simplest(fits) if fits else None
     if best is None or best.explained < ELEMENT.sound:
@@ -394,8 +381,8 @@ def _begins_again(signal: FloatArray, sample: int) -> bool:
     return bool(np.std(apart) <= RECORDER.again * np.std(signal))
 
 
-def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:
-    """Mean difference over that of the smallest phase of every k, that k, and the order."""
+def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int]:
+    """Mean difference over that of the smallest phase of every k, and that k; 0 for no grid."""
     scores = []
     for order in (1, 2, 4):
         size = np.abs(np.diff(signal, order, axis=1))
@@ -406,12 +393,12 @@ def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:
             scores.append((share, -order, -step, score))
     share, order, step, score = max(scores, default=(0.0, 0, 0, 0.0))
     if not share:
-        return 0.0, 0, 0
+        return 0.0, 0
     # A forcing function that steps is no grid: without the largest values it still is one.
     size = np.abs(np.diff(signal, -order, axis=1)).mean(axis=0)
     blocks = np.sort(size[: size.size // -step * -step].reshape(-1, -step), axis=0)
     score, share = _of_phases(blocks[: math.ceil(STEADY * len(blocks))].mean(axis=0))
-    return (score, -step, -order) if share else (0.0, 0, 0)
+    return (score, -step) if share else (0.0, 0)
 
 
 def _of_phases(phases: FloatArray) -> tuple[float, float]:

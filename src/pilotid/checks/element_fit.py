@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import findings
-from pilotid.checks.element_forms import FormFit, drive_of, fits_of, simplest, spectra_in_window
+from pilotid.checks.element_forms import FormFit, drive_of, fits_of, simplest, spectra_of
 from pilotid.model.element import ControlledElement, as_element, element_named, parsed_element
 from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
@@ -33,47 +32,61 @@ ORIGINS = {
 
 
 @dataclass(frozen=True, eq=False)
-class IdentifiedElement:
-    """What u, fd and x say of the controlled element.
+class ElementChoice:
+    """A controlled element, such as loops are drawn with.
 
     Attributes
     ----------
     element
-        With numbers rounded to their errors and a name that `element_named` reads; None if
-        there is nothing to tell it from.
-    explained
-        Share of the power of x [%] that it explains, up to 25 rad/s.
+        None if none is known.
+    origin
+        ``given``, named by the ``recording``, or ``identified`` from its signals.
+    why
+        Why none is known, or what speaks against it, in a sentence; empty if nothing does.
+    remarks
+        Where what is said of it and what signals show disagree, a sentence each.
     response_error
         Largest relative standard error of its frequency response from 0.5 to 6 rad/s.
-    remark
-        What speaks against it, in a sentence; empty if nothing does.
     """
 
-    element: ControlledElement | None
-    explained: float = float("nan")
-    response_error: float = float("nan")
-    remark: str = ""
+    element: ControlledElement | None = None
+    origin: str = ""
+    why: str = ""
+    remarks: tuple[Remark, ...] = ()
+    response_error: float = 0.0
+
+    def named_in(self, recording: Recording) -> Recording:
+        """The recording, naming the element that was given, for methods that need the loop."""
+        if self.origin != GIVEN or self.element is None:
+            return recording
+        return replace(recording, controlled_element=self.element.name)
 
     @property
-    def sound(self) -> bool:
-        """Whether it can be relied on without being asked for."""
-        return self.element is not None and not self.remark
+    def words(self) -> str:
+        """The element and where it comes from."""
+        if self.element is None:
+            return self.why
+        name = self.element.name or "user-defined"
+        return f"loops with the controlled element {name}, {ORIGINS[self.origin]}"
 
 
 @remembered
-def identified_element(recording: Recording) -> IdentifiedElement:
-    """The controlled element of a recording, by its signals alone."""
+def identified_element(recording: Recording) -> ElementChoice:
+    """The controlled element that u, fd and x show, with numbers rounded to their errors.
+
+    It has a name that `element_named` reads.
+    """
     for name, signal in (("x", recording.x), ("u + fd", drive_of(recording))):
         if not np.ptp(recording.window(signal), axis=1).any():
-            return IdentifiedElement(None, remark=f"{name} does not move")
+            return ElementChoice(why=f"{name} does not move")
     fits = fits_of(recording)
     if not fits:
-        return IdentifiedElement(None, remark="no form of element suits control and output")
+        return ElementChoice(why="no form of element suits control and output")
     chosen = simplest([fit for fit in fits if _is_steerable(fit)] or fits)
     error = float(chosen.form.response_error(chosen.values, chosen.covariance, OMEGA).max())
     element = element_named(chosen.form.name(rounded(chosen.values, chosen.covariance)))
-    remark = _remark(element, chosen.explained, error)
-    return IdentifiedElement(element, chosen.explained, error, remark)
+    why = _against(element, chosen.explained, error)
+    return ElementChoice(element, SIGNALS, why, response_error=error)
 
 
 def _is_steerable(fit: FormFit) -> bool:
@@ -105,7 +118,8 @@ def _short(value: float, error: float) -> float:
     return next((short for short in every if abs(short - value) <= error), value)
 
 
-def _remark(element: ControlledElement, explained: float, error: float) -> str:
+def _against(element: ControlledElement, explained: float, error: float) -> str:
+    """What speaks against an identified element, in a sentence; empty if nothing does."""
     if explained < ELEMENT.sound:
         return (
             "control and output follow no one controlled element: the best of low order explains "
@@ -126,42 +140,6 @@ def _remark(element: ControlledElement, explained: float, error: float) -> str:
     return ""
 
 
-@dataclass(frozen=True, eq=False)
-class ElementChoice:
-    """The controlled element that loops are drawn with.
-
-    Attributes
-    ----------
-    element
-        None if none is known.
-    origin
-        ``given``, named by the ``recording``, or ``identified`` from its signals.
-    why
-        Why none is known, in a sentence.
-    remarks
-        Where what is said of it and what signals show disagree, a sentence each.
-    """
-
-    element: ControlledElement | None = None
-    origin: str = ""
-    why: str = ""
-    remarks: tuple[Remark, ...] = ()
-
-    def named_in(self, recording: Recording) -> Recording:
-        """The recording, naming the element that was given, for methods that need the loop."""
-        if self.origin != GIVEN or self.element is None:
-            return recording
-        return replace(recording, controlled_element=self.element.name)
-
-    @property
-    def words(self) -> str:
-        """The element and where it comes from."""
-        if self.element is None:
-            return self.why
-        name = self.element.name or "user-defined"
-        return f"loops with the controlled element {name}, {ORIGINS[self.origin]}"
-
-
 def chosen_element(
     recording: Recording, given: ControlledElement | str | None = None
 ) -> ElementChoice:
@@ -174,14 +152,17 @@ def chosen_element(
     given
         The user's element, or its text, if any.
     """
-    if not given and (confirmed := confirmed_element(recording)):
-        return ElementChoice(confirmed, FILE)
+    named = parsed_element(recording.controlled_element)
+    if named and not given:
+        with np.errstate(all="ignore"):  # signals that do not move, which tell nothing
+            left = spectra_of(recording).unexplained(named)
+        if left <= 0.5 * ELEMENT.different:  # to ask signals for a form takes long
+            return ElementChoice(named, FILE)
     given = as_element(given) if given else None
     identified = identified_element(recording)
-    named = parsed_element(recording.controlled_element)
     fault = next((f for f in findings(recording) if f.grade != "note"), None)
     shifted = fault and fault.code == "late-signal" and abs(fault.size) > ELEMENT.late
-    shown = identified.element if identified.sound and not shifted else None
+    shown = None if identified.why or shifted else identified.element
     signals = "control and output of the recording follow"
     compared = (
         (given, shown or named, "given", signals if shown else "the file names"),
@@ -189,30 +170,12 @@ def chosen_element(
     )
     every = [differs(one, other, what, by) for one, other, what, by in compared if one and other]
     told = tuple(filter(None, every))
-    for element, origin in ((given, GIVEN), (named, FILE), (shown, SIGNALS)):
-        if element is not None:
-            return ElementChoice(element, origin, remarks=told)
-    why = fault.sentence if fault else f"{identified.remark}; name it, for example --element 4/s^2"
+    identified = replace(identified, element=shown)
+    for choice in (ElementChoice(given, GIVEN), ElementChoice(named, FILE), identified):
+        if choice.element is not None:
+            return replace(choice, remarks=told)
+    why = fault.sentence if fault else f"{identified.why}; name it, for example --element 4/s^2"
     return ElementChoice(why=f"no loops: {why}", remarks=told)
-
-
-@remembered
-def confirmed_element(recording: Recording) -> ControlledElement | None:
-    """The element that a recording names, if it leaves no more of x than a twentieth.
-
-    The signals need not be asked for a form then, which takes long.
-    """
-    named = parsed_element(recording.controlled_element)
-    with np.errstate(all="ignore"):  # signals that do not move, which tell nothing
-        if named and spectra_in_window(recording).unexplained(named) <= 0.5 * ELEMENT.different:
-            return named
-    return None
-
-
-@remembered
-def recording_remarks(recording: Recording) -> tuple[Remark, ...]:
-    """What is wrong with a recording, and with the element that it names."""
-    return (*remarks(recording), *chosen_element(recording).remarks)
 
 
 def differs(
@@ -247,6 +210,4 @@ def closing_element(recording: Recording) -> ControlledElement | None:
     The one that the recording names, unless its signals show another one; None if none is known.
     """
     choice = chosen_element(recording)
-    if choice.origin == SIGNALS or choice.remarks:
-        return identified_element(recording).element
-    return choice.element
+    return identified_element(recording).element if choice.remarks else choice.element

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
@@ -220,14 +220,6 @@ def power(signal: ComplexArray, band: IntArray) -> FloatArray:
     return np.bincount(band, signal.real**2 + signal.imag**2) / np.bincount(band)
 
 
-def differences(
-    function: Callable[[FloatArray], ComplexArray], values: FloatArray, there: ComplexArray
-) -> ComplexArray:
-    """Derivatives by each value, shape (values, n), of a function that is `there` (n,) at them."""
-    steps = DIFFERENCE * np.maximum(np.abs(values), 1e-2) * np.eye(len(values))
-    return np.array([(function(values + step) - there) / step.sum() for step in steps])
-
-
 def _start(spectra: Spectra, form: Form, delay: float) -> FloatArray:
     """By linear least squares, the equation divided by the last denominator."""
     s = 1j * spectra.omega
@@ -267,7 +259,8 @@ def fitted_form(spectra: Spectra, form: Form, delay: float = 0.0) -> FormFit:
 
     def normal(level: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient and information of half the weighted sum of squares."""
-        slopes = differences(residual, values, left)
+        steps = DIFFERENCE * np.maximum(np.abs(values), 1e-2) * np.eye(len(values))
+        slopes = np.array([(residual(values + step) - left) / step.sum() for step in steps])
         scaled = (slopes / level).conj()
         return np.real(scaled @ left), np.real(scaled @ slopes.T)
 
@@ -303,20 +296,14 @@ def fitted_form(spectra: Spectra, form: Form, delay: float = 0.0) -> FormFit:
     return FormFit(form, values * unit, covariance, criterion, unexplained, explained)
 
 
-def spectra_of(dt: float, given: FloatArray, output: FloatArray) -> Spectra:
-    """Windowed spectra of a recording.
-
-    Parameters
-    ----------
-    dt
-        Sampling interval [s].
-    given, output
-        v and x, shape (runs, samples).
-    """
+@remembered
+def spectra_of(recording: Recording) -> Spectra:
+    """Spectra of u + fd and of x in the measurement window of a recording."""
+    given, output = (recording.window(s) for s in (drive_of(recording), recording.x))
     runs, samples = output.shape
     # Of unit size, so that no unit is too large or too small to reckon with.
     size, answer = (float(np.std(signal)) or 1.0 for signal in (given, output))
-    base = 2.0 * np.pi / (samples * dt)
+    base = 2.0 * np.pi / (samples * recording.dt)
     last = min(int(HIGHEST_FREQUENCY / base), int(0.4 * samples))
     bins, near = np.arange(FIRST_BIN, last + 1, BIN_STEP), np.arange(5) - 2
     s = 1j * base * np.tile(bins + near[:, None], runs)
@@ -350,13 +337,6 @@ def simplest(fits: Sequence[FormFit]) -> FormFit:
     return min(alike, key=lambda f: (len(f.values), f.criterion))
 
 
-@remembered
-def spectra_in_window(recording: Recording) -> Spectra:
-    """Spectra of u + fd and of x in the measurement window of a recording."""
-    drive, output = (recording.window(s) for s in (drive_of(recording), recording.x))
-    return spectra_of(recording.dt, drive, output)
-
-
 def drive_of(recording: Recording) -> FloatArray:
     """What the element answers to."""
     return recording.u if recording.fd is None else recording.u + recording.fd
@@ -369,7 +349,7 @@ def fits_of(recording: Recording) -> tuple[FormFit, ...]:
     Noise in v, such as fast remnant that sampling folds down, makes the response smaller by the
     share of x that nothing explains.
     """
-    spectra = spectra_in_window(recording)
+    spectra = spectra_of(recording)
     fits = _fits(spectra, 0.0)
     if fits and (best := simplest(fits)).explained >= ELEMENT.sound:
         doubtful = np.where(best.unexplained > NOISY, best.unexplained, 0.0)

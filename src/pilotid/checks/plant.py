@@ -230,8 +230,6 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
     run
         One of its runs alone; None for all.
     """
-    if run is not None and recording.runs == 1:
-        return plant_of(recording)
     rows = slice(None) if run is None else slice(run, run + 1)
     output, control = (_spectrum(recording, signal[rows]) for signal in (recording.x, recording.u))
     forcing = None if recording.fd is None else _spectrum(recording, recording.fd[rows])
@@ -319,16 +317,14 @@ def opposed(recording: Recording) -> Remark | None:
     if not wrong:
         return None
     first, names = next(iter(wrong.items()))
-    where = f" in run {first + 1}" if len(wrong) < len(known) else ""  # others are right
-    remedy = (
-        "turn it round in the file, or leave that run out with --runs"
-        if where
-        else f"flip with --map {recording.flipped(*names)}"
-    )
+    where, cure = "", f"flip with --map {recording.flipped(*names)}"
+    if len(wrong) < len(known):  # others are right
+        where = f" in run {first + 1}"
+        cure = "turn it round in the file, or leave that run out with --runs"
     return Remark(
         "wrong-sign",
         f"{' and '.join(names)} {'have' if len(names) > 1 else 'has'} the wrong sign{where}: the "
-        f"pilot's gain is negative, unless the controlled element's is; {remedy}",
+        f"pilot's gain is negative, unless the controlled element's is; {cure}",
     )
 
 
@@ -389,9 +385,7 @@ def element_changes(recording: Recording) -> Remark | None:
     signals, halves = (recording.x, drive_of(recording)), (slice(half), slice(-half, None))
     spectra = ([_spectrum(recording, signal, part) for signal in signals] for part in halves)
     told = response_ratios([_answer(x, v, half * recording.dt) for x, v in spectra])
-    if told is None:
-        return None
-    _, (_, second) = told
+    second = np.zeros(1) if told is None else told[1][1]
     if np.median(np.abs(second)) <= ELEMENT.changed:
         return None
     factor = float(np.exp(np.max(np.abs(second.real))))
@@ -413,20 +407,15 @@ def unrelated(recording: Recording) -> Remark | None:
     every = {run: plant_of(recording, run) for run in range(recording.runs)}
     wrong = [str(run + 1) for run, p in every.items() if p and p.mean_coherence < least]
     coherence = min(p.mean_coherence for p in (plant, *every.values()) if p)
-    if coherence < least:
-        where = f" in run {', '.join(wrong)}" if 0 < len(wrong) < recording.runs else ""
-        return Remark(
-            "output-unrelated",
-            f"x is not the answer to {what}{where}: their coherence is {coherence:.2f} where an "
-            "element without noise has 1; the signals are of different runs, times, axes or units, "
-            "another disturbance acts, or the element changes during the recording",
-        )
-    if is_forced or plant.mean_coherence >= ELEMENT.unrelated_in_part:
+    in_part = coherence >= least
+    if in_part and (is_forced or plant.mean_coherence >= ELEMENT.unrelated_in_part):
         return None
+    where = f" in run {', '.join(wrong)}" if 0 < len(wrong) < recording.runs else ""
     return Remark(
         "output-unrelated",
-        f"x is the answer to u in part only: their coherence is {plant.mean_coherence:.2f}; a "
-        "disturbance that is not recorded acts (give it as fd), or signals are of different runs "
-        "or times",
-        "note",
+        f"x is {'in part only' if in_part else 'not'} the answer to {what}{where}: their coherence "
+        f"is {coherence:.2f} where an element without noise has 1; signals are of different runs, "
+        "times, axes or units, a disturbance is not recorded (give it as fd), or the element "
+        "changes",
+        "note" if in_part else "wrong",
     )

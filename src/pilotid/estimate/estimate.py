@@ -487,14 +487,11 @@ def is_at_bound(model: PilotModel, values: FloatArray) -> BoolArray:
 
 def bounds_reached(model: PilotModel, values: FloatArray) -> str:
     """Names of the parameters that lie at a bound, empty if none does."""
-    low, high = at_bounds(model, values, values)
-    named = [
-        f"{key} at its {'lower' if is_low else 'upper'} bound {bound:g}"
-        for key, is_low, is_high, bound in zip(
-            model.keys, low, high, np.where(low, model.lower, model.upper), strict=True
-        )
-        if is_low or is_high
-    ]
+    named = []
+    for p, is_low, is_high in zip(model.parameters, *at_bounds(model, values, values), strict=True):
+        if is_low or is_high:
+            side, bound = ("lower", p.lower) if is_low else ("upper", p.upper)
+            named.append(f"{p.key} at its {side} bound {bound:g}")
     return ", ".join(named)
 
 

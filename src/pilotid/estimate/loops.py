@@ -7,7 +7,7 @@ first order; the controlled element is taken as known.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,6 +18,7 @@ from pilotid.estimate.quantities import Draws, Quantity, normal, sampled, spans_
 from pilotid.model.element import ControlledElement
 from pilotid.model.loops import (
     GRID,
+    Margin,
     crossings,
     is_stable,
     loop_slopes,
@@ -60,11 +61,8 @@ def loops_of(
     is_known = bool(np.isfinite(values).all())
     if why := model.no_loop if is_known else "the fit failed":
         return Loops(element, no_loop("target", why), no_loop("disturbance", why))
-    if draws is None:
-        target, disturbance = _by_delta(model, values, covariance, element)
-    else:
-        sets = draws.thinned(COUNT)[:, : len(model.parameters)]
-        target, disturbance = sampled_loops(model, values, sets, element)
+    sets = None if draws is None else draws.thinned(COUNT)[:, : len(model.parameters)]
+    target, disturbance = both_loops(model, values, element, covariance, sets)
     if is_stable(model, values, element):
         return Loops(element, target, disturbance)
     remark = Remark(
@@ -76,28 +74,49 @@ def loops_of(
     return Loops(element, target, disturbance, (remark,))
 
 
+def both_loops(
+    model: PilotModel,
+    values: FloatArray,
+    element: ControlledElement,
+    covariance: FloatArray,
+    sets: FloatArray | None = None,
+) -> list[Loop]:
+    """Target and disturbance loop, with errors over draws or else to first order.
+
+    Parameters
+    ----------
+    model, values, element
+        What the loops are made of.
+    covariance
+        Of the values.
+    sets
+        Draws of the values, shape (sets, parameters).
+    """
+    every = None if sets is None else [open_loops(model, draw, element, COARSE) for draw in sets]
+    loops = []
+    for i, loop in enumerate(open_loops(model, values, element, GRID)):
+        at = margin(GRID, loop)
+        if math.isnan(at.crossover):
+            loops.append(no_loop(NAMES[i], NO_CROSSING))
+        elif every is None:
+            slopes = margin_slopes(model, values, element, at.crossover)[i]
+            loops.append(_by_delta(NAMES[i], at, slopes, covariance))
+        else:
+            loops.append(_by_draws(NAMES[i], at, [both[i] for both in every]))
+    return loops
+
+
 # ------------------------------------------------------------------ to first order
 
 
-def _by_delta(
-    model: PilotModel, values: FloatArray, covariance: FloatArray, element: ControlledElement
-) -> list[Loop]:
-    result = []
-    for i, (name, loop) in enumerate(
-        zip(NAMES, open_loops(model, values, element, GRID), strict=True)
-    ):
-        at = margin(GRID, loop)
-        if math.isnan(at.crossover):
-            result.append(no_loop(name, NO_CROSSING))
-            continue
-        slopes = margin_slopes(model, values, element, at.crossover)[i]
-        delay = float(effective_delay(at.crossover, at.phase_margin))
-        by_delay = -(delay * slopes[0] + np.radians(slopes[1])) / at.crossover
-        slopes = np.vstack([slopes, by_delay])
-        errors = np.sqrt(np.einsum("qi,ij,qj->q", slopes, covariance, slopes)).tolist()
-        numbers = zip((at.crossover, at.phase_margin, delay), errors, strict=True)
-        result.append(_loop(name, numbers, normal, at.others))
-    return result
+def _by_delta(name: str, at: Margin, slopes: FloatArray, covariance: FloatArray) -> Loop:
+    """A loop from the derivatives of its crossover and its phase margin."""
+    delay = float(effective_delay(at.crossover, at.phase_margin))
+    by_delay = -(delay * slopes[0] + np.radians(slopes[1])) / at.crossover
+    slopes = np.vstack([slopes, by_delay])
+    errors = np.sqrt(np.einsum("qi,ij,qj->q", slopes, covariance, slopes)).tolist()
+    numbers = zip((at.crossover, at.phase_margin, delay), errors, strict=True)
+    return _loop(name, numbers, normal, at.others)
 
 
 def effective_delay(crossover: FloatArray | float, phase_margin: FloatArray | float) -> FloatArray:
@@ -143,45 +162,33 @@ def margin_slopes(
 # ------------------------------------------------------------------ over draws
 
 
-def sampled_loops(
-    model: PilotModel, centre: FloatArray, sets: FloatArray, element: ControlledElement
-) -> list[Loop]:
-    """The loops over draws, shape (sets, parameters), target first.
+def _by_draws(name: str, at: Margin, loops: Sequence[ComplexArray]) -> Loop:
+    """A loop from the same of every draw.
 
-    A loop may have several crossings; of each draw the one nearest to that of the estimate
-    `centre` counts, and its phase margin is continuous about the estimate's.
+    A loop may have several crossings; of each draw the one nearest to that of the estimate counts,
+    and its phase margin is continuous about the estimate's.
     """
-    every = [open_loops(model, values, element, COARSE) for values in sets]
-    result = []
-    for i, (name, loop) in enumerate(
-        zip(NAMES, open_loops(model, centre, element, GRID), strict=True)
-    ):
-        at = margin(GRID, loop)
-        nearest = [_nearest(loops[i], at.crossover) for loops in every]
-        kept = np.array([pair for pair in nearest if pair], dtype=float).reshape(-1, 2)
-        lost, remark = 1.0 - len(kept) / len(sets), ""
-        if math.isnan(at.crossover):
-            remark = NO_CROSSING
-        elif lost > ESTIMATE.lost_crossing:
-            remark = (
-                f"in {100.0 * lost:.0f} % of the draws its magnitude does not fall through one "
-                f"near {at.crossover:.3g} rad/s; they are left out"
-            )
-        if not len(kept):
-            result.append(no_loop(name, remark, at.others))
-            continue
-        frequency, phase = kept.T
-        phase = phase + 360.0 * np.round((at.phase_margin - phase) / 360.0)
-        draws = [(q,) for q in (frequency, phase, effective_delay(frequency, phase))]
-        result.append(_loop(name, draws, sampled, at.others, remark))
-    return result
+    nearest = [_nearest(loop, at.crossover) for loop in loops]
+    kept = np.array([pair for pair in nearest if pair], dtype=float).reshape(-1, 2)
+    lost, remark = 1.0 - len(kept) / len(loops), ""
+    if lost > ESTIMATE.lost_crossing:
+        remark = (
+            f"in {100.0 * lost:.0f} % of the draws its magnitude does not fall through one "
+            f"near {at.crossover:.3g} rad/s; they are left out"
+        )
+    if not len(kept):
+        return no_loop(name, remark, at.others)
+    frequency, phase = kept.T
+    phase = phase + 360.0 * np.round((at.phase_margin - phase) / 360.0)
+    draws = [(q,) for q in (frequency, phase, effective_delay(frequency, phase))]
+    return _loop(name, draws, sampled, at.others, remark)
 
 
 def _nearest(loop: ComplexArray, start: float) -> tuple[float, float] | None:
     """Frequency and phase margin of the crossing nearest to `start`; None if none is near."""
     frequency, phase_margin = crossings(COARSE, loop)
     away = np.abs(np.log(frequency / start))
-    near = away <= np.log(NEAREST_RATIO)  # nor is NaN
+    near = away <= np.log(NEAREST_RATIO)
     if not near.any():
         return None
     i = int(np.argmin(away))

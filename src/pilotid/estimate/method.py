@@ -24,7 +24,7 @@ from pilotid.estimate.quantities import AnalysedBand
 from pilotid.estimate.warnings import all_remarks, made_for, motionless_input
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.recording.spectra import NotMultisineError, forcing_sines
+from pilotid.recording.spectra import forcing_sines
 from pilotid.support.numbers import fit_rng, require_settings
 from pilotid.support.remarks import Remark, gravest_first, remark_of, remarks_json, without
 from pilotid.support.types import InputError, one_line, reason
@@ -78,15 +78,6 @@ class Method(Protocol):
         ...
 
 
-def import_libraries(method: Method) -> None:
-    """Import what a fit uses, so that its time has none of it: some take longer than the fit.
-
-    A method's class may name what it imports where it is used, as ``libraries = ("pysindy",)``.
-    """
-    for library in ("scipy.special", *getattr(method, "libraries", ())):
-        import_module(library)
-
-
 def identify(
     method: Method, recording: Recording, model: PilotModel, rng: np.random.Generator
 ) -> Estimate:
@@ -94,6 +85,9 @@ def identify(
 
     Whatever the method does, the answer is an estimate: what it raises, and what it returns
     that makes no sense, are outcomes.  Only an interruption by the user passes through.
+
+    A method's class may name what its fit imports where it is used, ``libraries = ("pysindy",)``,
+    and the highest frequency that it analyses, ``band`` [rad/s]; None for all.
     """
     name, begin = method.name, None
     try:
@@ -103,7 +97,9 @@ def identify(
         if objection:
             why = one_line(str(objection))
             return failed(name, model, Outcome.NOT_APPLICABLE, why)
-        import_libraries(method)
+        # The time of a fit has no imports in it, of which some take longer than the fit.
+        for library in ("scipy.special", *getattr(method, "libraries", ())):
+            import_module(library)
         begin = time.perf_counter()
         with np.errstate():  # what a method sets is its own
             estimate = method.fit(recording, model, rng)
@@ -118,7 +114,9 @@ def identify(
         estimate = failed(name, model, *_outcome_of(error))
     seconds = float("nan") if begin is None else time.perf_counter() - begin
     if estimate.band is None and estimate.outcome.usable:
-        estimate = replace(estimate, band=_band_of(method, recording))
+        highest = getattr(method, "band", None) or math.inf
+        band = AnalysedBand(min(float(highest), math.pi / recording.dt))
+        estimate = replace(estimate, band=band)
     return replace(
         estimate,
         message=one_line(str(estimate.message)),
@@ -130,12 +128,6 @@ def identify(
 def signals_in(recording: Recording) -> list[bytes]:
     """All signals as they are now, which tells later whether a method changed them."""
     return [signal.tobytes() for signal in recording.arrays.values()]
-
-
-def _band_of(method: Method, recording: Recording) -> AnalysedBand:
-    """The band that a method says it analyses; all frequencies if it says none."""
-    highest, nyquist = getattr(method, "band", None), math.pi / recording.dt
-    return AnalysedBand(min(float(highest), nyquist) if highest else nyquist)
 
 
 def _outcome_of(error: BaseException) -> tuple[Outcome, str]:
@@ -173,11 +165,8 @@ def fault_of(estimate: object, model: PilotModel) -> str:
     shapes = {"values": (count,), "covariance": (count, count), "intervals": (count, 2)}
     for name, shape in shapes.items():
         given = getattr(estimate, name)
-        if (
-            not isinstance(given, np.ndarray)
-            or given.shape != shape
-            or given.dtype.kind not in "fiu"
-        ):
+        is_real = isinstance(given, np.ndarray) and given.dtype.kind in "fiu"
+        if not (is_real and given.shape == shape):
             return f"its {name} are no array of real numbers of the shape {shape}"
     values, covariance = estimate.values, estimate.covariance
     low, high = estimate.intervals.T
@@ -249,7 +238,7 @@ class Fitted:
         return {
             "recording": {
                 **self.recording.to_dict(),
-                "forcing": self._forcing(),
+                "forcing": forcing_sines(self.recording),
                 **remarks_json(self.remarks),
             },
             **({"ignored": sorted(self.ignored)} if self.ignored else {}),
@@ -260,13 +249,6 @@ class Fitted:
                 for estimate, loops in zip(self.estimates, self._loop_dicts(), strict=True)
             ],
         }
-
-    def _forcing(self) -> dict[str, object]:
-        """The forcing functions as sums of sines; none where they are something else."""
-        try:
-            return {**forcing_sines(self.recording)}
-        except NotMultisineError:
-            return {}
 
     def _loop_dicts(self) -> list[dict[str, object]]:
         """What the loops add to each estimate's object."""

@@ -102,24 +102,21 @@ def shared_signals(recording: Recording, model: PilotModel) -> str | None:
         return one_signal(recording, model)
     if dependent := dependent_signals(model):
         return dependent
-    names = " and ".join(channel.name for channel in model.channels)
     if recording.fd is not None and not _absent(recording, recording.fd, recording.u):
         return None
-    return (
-        f"no disturbance is recorded, and without one the {names} channels follow one signal: "
-        f"nothing but their form and the remnant tells them apart; {REMEDY}"
-    )
+    return _alike(model, "no disturbance is recorded")
+
+
+def _alike(model: PilotModel, why: str, cure: str = REMEDY) -> str:
+    names = " and ".join(channel.name for channel in model.channels)
+    return f"{why}, so that nothing but their form tells the {names} channels apart; {cure}"
 
 
 def dependent_signals(model: PilotModel) -> str | None:
     """Why no response of each channel can be measured: they act on e, x and ft, which is e + x."""
     if not {channel.on for channel in model.channels} >= {"e", "x", "ft"}:
         return None
-    names = " and ".join(channel.name for channel in model.channels)
-    return (
-        f"ft = e + x, so that the {names} channels act on two signals: nothing but their form "
-        "tells them apart; fit two channels"
-    )
+    return _alike(model, "three channels act on two signals, as ft = e + x", "fit two channels")
 
 
 def varying(model: PilotModel) -> str | None:
@@ -148,11 +145,7 @@ def one_signal(recording: Recording, model: PilotModel) -> str | None:
         return None
     if not _absent(recording, recording.e + recording.x, recording.e):
         return None
-    names = " and ".join(channel.name for channel in model.channels)
-    return (
-        f"there is no target, so that e = -x and the {names} channels act on one signal: only "
-        f"what they do together is measured, and nothing but their form tells them apart; {REMEDY}"
-    )
+    return _alike(model, "two channels act on one signal, as without a target e = -x")
 
 
 def _absent(recording: Recording, forcing: FloatArray, beside: FloatArray) -> bool:
@@ -232,7 +225,7 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
     remarks = [remark_of(remark) for remark in estimate.remarks]
     if not estimate.outcome.usable:
         return tuple(remarks)
-    hidden = explained is not None and explained >= ESTIMATE.surely_explained
+    hidden = (explained or 0.0) >= ESTIMATE.surely_explained
     explained = estimate.vaf if explained is None else explained
     if explained < ESTIMATE.least_vaf:
         sentence = (
@@ -245,13 +238,12 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
         sentence = (
             "the simulated response explains nothing of the control (VAF 0 %): a slow remnant "
             f"hides it{'' if hidden else ', or the model is wrong'}; compare with other methods"
-            f"{'' if hidden else ' and models'}"
         )
         remarks.append(Remark("little-explained", sentence, "note" if hidden else "doubt"))
     return (
         *remarks,
         *_steps(estimate),
-        *_unlike_people(estimate),
+        *_outside_range(estimate),
         *(Remark("inseparable", pair.words) for pair in estimate.inseparable),
         *_not_determined(estimate),
     )
@@ -300,38 +292,36 @@ def _steps(estimate: Estimate) -> Iterator[Remark]:
         return
     middle, rate = model.change
     channel = next(channel for channel in model.channels if channel.changing)
-    least = float(estimate.intervals[rate, 0])
-    bound = f", at least {least:.2g} 1/s" if np.isfinite(least) else ""
     yield Remark(
         "not-determined",
         f"the {channel.name} channel changes in a step at {estimate.values[middle]:.4g} s: "
-        f"{model.keys[rate]} above {STEEP:g} 1/s means no more than fast{bound}",
+        f"{model.keys[rate]} above {STEEP:g} 1/s means no more than fast",
     )
 
 
-def _unlike_people(estimate: Estimate) -> Iterator[Remark]:
-    """Delays and dampings that people do not have."""
-    model = estimate.model
-    factors = {factor for channel in model.channels for factor in channel.dynamics}
-    for key in {f.damping_key for f in factors if isinstance(f, Neuromuscular)} & {*model.keys}:
-        place = model.index[key]
-        value = float(estimate.values[place])
-        if value < ESTIMATE.least_damping and estimate.determined[place]:
+def _outside_range(estimate: Estimate) -> Iterator[Remark]:
+    """Values beyond all bounds, and delays and dampings that people do not have."""
+    factors = {factor for channel in estimate.model.channels for factor in channel.dynamics}
+    dampings = {factor.damping_key for factor in factors if isinstance(factor, Neuromuscular)}
+    for i, p in enumerate(estimate.model.parameters):
+        value, high = float(estimate.values[i]), float(estimate.intervals[i, 1])
+        if not p.lower <= value <= p.upper:  # of a method without bounds
+            words = f"{p.key} = {value:.3g} lies outside {p.lower:g} to {p.upper:g} {p.unit}"
+            yield Remark("outside-range", f"{words}, where no pilot is: give another --start")
+        elif p.delay and value < ESTIMATE.shortest_delay:
             yield Remark(
                 "outside-range",
-                f"{key} is {value:.3g}, but neuromuscular systems of people are not damped by less "
-                f"than {ESTIMATE.least_damping:g}: a resonance of the remnant may have taken the "
-                f"place of the system; compare with --fix {key}=0.3",
+                f"{p.key} is {value:.3g} s (at most {high:.3g}), but people's delays are not below "
+                f"{ESTIMATE.shortest_delay:g} s: another parameter may have taken its part (a lag, "
+                "a slow neuromuscular system), or u was recorded early",
+                "note" if high > ESTIMATE.shortest_delay else "doubt",
             )
-    for i in model.delays:
-        value, end = float(estimate.values[i]), float(estimate.intervals[i, 1])
-        if value < ESTIMATE.shortest_delay:
+        elif p.key in dampings and value < ESTIMATE.least_damping and estimate.determined[i]:
             yield Remark(
                 "outside-range",
-                f"{model.keys[i]} is {value:.3g} s (at most {end:.3g}), but people's "
-                f"delays are not below {ESTIMATE.shortest_delay:g} s: another parameter may have "
-                "taken its part (a lag, a slow neuromuscular system), or u was recorded early",
-                "note" if end > ESTIMATE.shortest_delay else "doubt",
+                f"{p.key} is {value:.3g}, but neuromuscular systems of people are not damped by "
+                f"less than {ESTIMATE.least_damping:g}: a resonance of the remnant may have taken "
+                f"the place of the system; compare with --fix {p.key}=0.3",
             )
 
 
@@ -341,11 +331,10 @@ def _not_determined(estimate: Estimate) -> Iterator[Remark]:
     is_low, is_high = at_bounds(estimate.model, *estimate.intervals.T)
     for i, p in enumerate(estimate.model.parameters):
         value, (low, high) = float(estimate.values[i]), estimate.intervals[i].tolist()
-        if not p.lower <= value <= p.upper:
-            continue  # of a method without bounds, which says so itself
-        if p.delay and value < ESTIMATE.shortest_delay and not is_high[i]:
-            continue  # `_unlike_people` says so
         unit, (least, most) = f" {p.unit}" if p.unit else "", p.usual
+        is_short = p.delay and value < ESTIMATE.shortest_delay
+        if not p.lower <= value <= p.upper or (is_short and not is_high[i]):
+            continue  # `_outside_range` says so
         if is_low[i] and is_high[i]:
             notes.append(f"{p.key} may have any value from {p.lower:g} to {p.upper:g}{unit}")
         elif is_low[i] or is_high[i]:

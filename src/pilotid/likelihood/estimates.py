@@ -25,10 +25,11 @@ from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction, predict
 from pilotid.likelihood.prepare import analysis_band, lowpass
 from pilotid.likelihood.remnant_models import best_noise_model, filter_of
+from pilotid.likelihood.search import SEARCH_BAND
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.intervals import REACH, covariance_of, score_products, with_information
-from pilotid.solve.least_squares import Minima, minimise
+from pilotid.solve.least_squares import Gram, Minima, minimise
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray, InputError
 
@@ -120,7 +121,7 @@ def make_estimate(
 
 @dataclass(frozen=True)
 class WhiteLikelihood:
-    """How a search under a white residual ends.
+    """Maximum likelihood under a white residual, from the best end of a search.
 
     Attributes
     ----------
@@ -135,18 +136,26 @@ class WhiteLikelihood:
         """None: any recording and any model will do."""
         return None
 
-    def polished(self, recording: Recording, model: PilotModel, search: Minima) -> Estimate:
-        """The estimate that the best end of a search leads to.
+    def search(self, gram: Gram, model: PilotModel, rng: np.random.Generator) -> Minima:
+        """Minima of the residual in a narrow band, whose Gram matrices are given, best first."""
+        raise NotImplementedError
+
+    def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        """Minimise the sum of squares of the residual.
 
         Parameters
         ----------
-        recording, model
-            What is fitted.
-        search
-            The search in a narrower band.
+        recording
+            The recording; all its runs are fitted jointly.
+        model
+            The pilot model.
+        rng
+            Source of the random numbers of the search.
         """
-        prediction = predict(recording, model, self.band)
-        start = search.values[0]
+        coarse = Likelihood(predict(recording, model, SEARCH_BAND))
+        search = self.search(coarse.gram, model, rng)
+        starts = starts_of(search) if len(search.cost) > 1 else None
+        prediction, start = predict(recording, model, self.band), search.values[0]
         terms = prediction.noticeable_terms(start)
         problem = Likelihood(replace(prediction, nuisance_poles=terms))
         end = minimise(problem.gram, start[None], model, tolerance=1e-8)
@@ -155,7 +164,7 @@ class WhiteLikelihood:
         variance = gram[-1, -1] / (problem.residuals - len(values))
         covariance = covariance_of(gram[:-1, :-1], variance)
         if covariance is None:
-            return failed(self.name, model, Outcome.SINGULAR)
+            return replace(failed(self.name, model, Outcome.SINGULAR), starts=starts)
         estimate = make_estimate(
             self.name,
             recording,
@@ -165,8 +174,12 @@ class WhiteLikelihood:
             converged=bool(end.converged[0]),
             prediction=prediction if self.band is None else None,
         )
-        iterations = search.iterations + end.iterations
-        return replace(estimate, iterations=iterations, remarks=too_short(problem, values))
+        return replace(
+            estimate,
+            iterations=search.iterations + end.iterations,
+            starts=starts,
+            remarks=too_short(problem, values),
+        )
 
 
 def too_short(problem: Likelihood, values: FloatArray) -> tuple[Remark, ...]:

@@ -220,15 +220,10 @@ def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:
 
     Amplitudes are root mean squares over the runs, phases at the start of the window those of the
     first; ``alternating`` says whether every other run has the other sign.  Runs with different
-    lines have no functions in common: there are none.
-
-    Raises
-    ------
-    NotMultisineError
-        If a forcing function is not periodic in the window, or no sum of a few sines.
+    lines have no functions in common: there are none, and none that are no sums of a few sines.
     """
     sines: dict[str, dict[str, object]] = {}
-    every = forcing_lines(recording)
+    every = known_lines(recording)
     for name, lines in every.items() if len(same_lines(recording)) == 1 else ():
         signal = forcing_of(recording, name)
         if signal is None:

@@ -77,10 +77,8 @@ class Regression:
         The output, shape (runs, samples).
     inputs
         The inputs, each of that shape.
-    poles
-        Largest lag of the output.
-    lags
-        Per input, its smallest and largest lag.
+    widest
+        All lags of which structures are made.
     first
         Index of the first row's output; at least the largest lag.
     nuisance
@@ -91,19 +89,16 @@ class Regression:
         self,
         output: FloatArray,
         inputs: Sequence[FloatArray],
-        poles: int,
-        lags: Sequence[tuple[int, int]],
+        widest: Structure,
         first: int,
         nuisance: FloatArray | None = None,
     ) -> None:
-        rows = lagged_rows(output, inputs, poles, lags, first)
+        rows = lagged_rows(output, inputs, widest, first)
         runs, count, _ = rows.shape
         basis = np.linalg.qr(np.ones((count, 1)) if nuisance is None else nuisance).Q
         rows = rows - basis @ (basis.T @ rows)
         self.samples = runs * (count - basis.shape[1])
-        lowest = [low for low, _ in lags]
-        widths = [poles, *(high - low + 1 for low, high in lags)]
-        self._offsets = np.cumsum(widths)[:-1] - lowest
+        self._offsets = np.cumsum([widest.poles, *widest.zeros])[:-1] - widest.delays
         table = rows.reshape(runs * count, -1)
         scale = np.linalg.norm(table, axis=0)
         self._scale = np.where(scale > 0.0, scale, 1.0)
@@ -150,11 +145,7 @@ def triangle_of(matrices: FloatArray) -> FloatArray:
 
 
 def lagged_rows(
-    output: FloatArray,
-    inputs: Sequence[FloatArray],
-    poles: int,
-    lags: Sequence[tuple[int, int]],
-    first: int,
+    output: FloatArray, inputs: Sequence[FloatArray], structure: Structure, first: int
 ) -> FloatArray:
     """Rows of the regression, run by run.
 
@@ -163,17 +154,19 @@ def lagged_rows(
 
     Parameters
     ----------
-    output, inputs, poles, lags, first
+    output, inputs, first
         See `Regression`.
+    structure
+        The lags.
 
     Returns
     -------
     Array of shape (runs, samples - first, columns).
     """
     end = output.shape[1]
-    columns = [-output[:, first - lag : end - lag] for lag in range(1, poles + 1)]
-    for signal, (low, high) in zip(inputs, lags, strict=True):
-        columns += [signal[:, first - lag : end - lag] for lag in range(low, high + 1)]
+    columns = [-output[:, first - lag : end - lag] for lag in range(1, structure.poles + 1)]
+    for i, signal in enumerate(inputs):
+        columns += [signal[:, first - lag : end - lag] for lag in structure.lags(i)]
     columns.append(output[:, first:])
     return np.stack(columns, axis=-1)
 
