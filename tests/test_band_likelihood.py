@@ -35,7 +35,7 @@ from pilotid.likelihood.remnant_models import (
 from pilotid.likelihood.search import maxima_from
 from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS
-from pilotid.model.element import double_integrator, element_named
+from pilotid.model.element import element_named
 from pilotid.model.loops import pilot_on
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
@@ -106,7 +106,7 @@ def test_gradients_are_those_of_differences(
 def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> None:
     """One whole period without edges, where the likelihood can be written down bin by bin."""
     scenario = replace(
-        scenario_named("nominal"), run_in=0.0, element=double_integrator(4.0), dt=0.06, runs=1
+        scenario_named("nominal"), run_in=0.0, element=element_named("4/s^2"), dt=0.06, runs=1
     )
     recording = simulate(scenario, np.random.default_rng(3))
     model, truth = scenario.model, scenario.values
@@ -177,7 +177,7 @@ def test_the_element_that_closes_the_loop_is_what_signals_show() -> None:
         assert (unknown == 0.0) is (each is recording)
         np.testing.assert_allclose(
             element.response(np.array([3.0])),
-            double_integrator(4.0).response(np.array([3.0])),
+            element_named("4/s^2").response(np.array([3.0])),
             rtol=0.02,
         )
 
@@ -188,8 +188,8 @@ def test_what_is_not_known_of_the_element_is_in_the_intervals() -> None:
     found = maxima_from(recording, scenario.model, MLE(noise=LowPass(2)), scenario.values[None])[0]
     prediction, joint = found.joint.prediction, found.joint
     weighting = prediction.weighting
-    louder = replace(weighting, element=double_integrator(4.0 * 1.02))
-    plain = replace(weighting, element=double_integrator(4.0))
+    louder = replace(weighting, element=element_named("4.08/s^2"))
+    plain = replace(weighting, element=element_named("4/s^2"))
     ends = []
     for each in (louder, plain):
         own = Likelihood(replace(prediction, weighting=each), joint.noise)
