@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from pilotid.study.table import Comparison
     from pilotid.study.trust import Trust
 
-DEFAULT_METHOD = "mle"
 T = TypeVar("T")
 
 
@@ -54,7 +53,7 @@ def identify(
 def identify(
     recording: Recording | Method | str,
     model: PilotModel | Recording | str,
-    method: Method | PilotModel | str = DEFAULT_METHOD,
+    method: Method | PilotModel | str = "mle",
     rng: np.random.Generator | int = DEFAULT_SEED,
 ) -> Estimate:
     """Identify a pilot model from a recording: ``identify(recording, "multi", "mle")``.

@@ -17,7 +17,6 @@ from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import AUTO, model_named, with_held
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import read_with
-from pilotid.recording.recording import Recording
 from pilotid.support import disk
 from pilotid.support.disk import strict_json, write_file
 from pilotid.support.naming import split_list
@@ -107,11 +106,6 @@ SPELLED = {
 }
 
 
-def spelled(name: str) -> str:
-    """How an option is typed."""
-    return SPELLED.get(name, f"--{name.replace('_', '-')}")
-
-
 def options_in(kind: Any) -> list[Parameter]:
     """The fields of a dataclass as options."""
     return [
@@ -133,7 +127,8 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         about: dict[str, Any] = {"metavar": metavar or None, "help": text}
         if p.name in RANGES and p.annotation is not str:  # --runs 2-5
             about["min"], about["max"] = RANGES[p.name]
-        info = typer.Option(spelled(p.name), **about) if p.kind is ONLY else typer.Argument(**about)
+        typed = SPELLED.get(p.name, f"--{p.name.replace('_', '-')}")
+        info = typer.Option(typed, **about) if p.kind is ONLY else typer.Argument(**about)
         return p.replace(annotation=Annotated[p.annotation, info])
 
     own = signature(function, eval_str=True).parameters
@@ -181,13 +176,6 @@ def models_of(text: str, fix: str | None) -> list[PilotModel]:
     names = [] if text == AUTO else split_list(text) or [text]
     models = [model_named(name) for name in dict.fromkeys(names)]
     return with_held(models, fix) if models else []
-
-
-def selected_model(recording: Recording, name: str, seed: int) -> PilotModel:
-    """The model of that name, or the one best supported by the recording."""
-    from pilotid.likelihood.choice import select
-
-    return select(recording, seed=seed).model if name == AUTO else model_named(name)
 
 
 def require_free(inputs: Sequence[Path], *targets: str | Path | None, force: bool) -> None:

@@ -323,7 +323,7 @@ def joined(recordings: Iterable[Recording]) -> Recording:
     InputError
         If the sampling interval, length or the signals recorded differ.
     """
-    recordings, added = _with_all_forcing(list(recordings))
+    recordings = _with_all_forcing(list(recordings))
     first = recordings[0]
     for other in recordings[1:]:
         for what, a, b in (
@@ -355,26 +355,22 @@ def joined(recordings: Iterable[Recording]) -> Recording:
         lines=lines,
         run_in=shortest,
         source=f"{first.source} and {len(recordings) - 1} more",
-        treatment=tuple(dict.fromkeys([*(s for r in recordings for s in r.treatment), *added])),
+        treatment=tuple(dict.fromkeys(words for r in recordings for words in r.treatment)),
     )
 
 
-def _with_all_forcing(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
+def _with_all_forcing(recordings: list[Recording]) -> list[Recording]:
     """The same with zeros for forcing functions that others have, and a sentence on each."""
-    added = []
     for name in ("ft", "fd"):
-        without = [r for r in recordings if getattr(r, name) is None]
-        if not 0 < len(without) < len(recordings):
-            continue
-        recordings = [
-            r.with_arrays({name: np.zeros_like(r.u)}, lines={**r.lines, name: ()})
-            if r in without
-            else r
-            for r in recordings
-        ]
-        which = ", ".join(r.source for r in without)
-        added.append(f"{name} is taken for zero in {which}, where it is not recorded")
-    return recordings, added
+        lacking = [place for place, r in enumerate(recordings) if getattr(r, name) is None]
+        which = ", ".join(recordings[place].source for place in lacking)
+        words = f"{name} is taken for zero in {which}, where it is not recorded"
+        for place in lacking if len(lacking) < len(recordings) else ():
+            r = recordings[place]
+            lines, treatment = {**r.lines, name: ()}, (*r.treatment, words)
+            zero = {name: np.zeros_like(r.u)}
+            recordings[place] = r.with_arrays(zero, lines=lines, treatment=treatment)
+    return recordings
 
 
 def factor_of(text: str) -> tuple[float, str]:
