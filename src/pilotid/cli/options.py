@@ -106,21 +106,15 @@ SPELLED = {
 }
 
 
-def options_in(kind: Any) -> list[Parameter]:
-    """The fields of a dataclass as options."""
-    return [
-        p.replace(
-            kind=ONLY, annotation=list[str] if p.annotation == Sequence[str] else p.annotation
-        )
-        for p in signature(kind, eval_str=True).parameters.values()
-    ]
-
-
 def as_command(function: Callable[..., None]) -> Callable[..., None]:
     """A function for typer: what is keyword-only is an option, all else an argument.
 
     The fields of a dataclass are options of their own.
     """
+    own = signature(function, eval_str=True).parameters
+    kinds: dict[str, Any] = {n: p.annotation for n, p in own.items() if is_dataclass(p.annotation)}
+    groups = {name: signature(kind, eval_str=True).parameters for name, kind in kinds.items()}
+    single = {name: p for name, p in own.items() if name not in groups}
 
     def described(p: Parameter) -> Parameter:
         metavar, text = MEANINGS.get(f"{function.__name__} {p.name}") or MEANINGS[p.name]
@@ -128,20 +122,18 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         if p.name in RANGES and p.annotation is not str:  # --runs 2-5
             about["min"], about["max"] = RANGES[p.name]
         typed = SPELLED.get(p.name, f"--{p.name.replace('_', '-')}")
-        info = typer.Option(typed, **about) if p.kind is ONLY else typer.Argument(**about)
-        return p.replace(annotation=Annotated[p.annotation, info])
-
-    own = signature(function, eval_str=True).parameters
-    groups = {p.name: options_in(p.annotation) for p in own.values() if is_dataclass(p.annotation)}
-    single = [p for p in own.values() if p.name not in groups]
+        is_argument = p.name in single and p.kind is not ONLY
+        info = typer.Argument(**about) if is_argument else typer.Option(typed, **about)
+        kind = list[str] if p.annotation == Sequence[str] else p.annotation
+        return p.replace(kind=ONLY, annotation=Annotated[kind, info])
 
     @wraps(function)
     def run(**given: Any) -> None:
         for name, fields in groups.items():
-            given[name] = own[name].annotation(**{p.name: given.pop(p.name) for p in fields})
+            given[name] = kinds[name](**{field: given.pop(field) for field in fields})
         function(**given)
 
-    every = [p for fields in (single, *groups.values()) for p in fields]
+    every = [p for fields in (single, *groups.values()) for p in fields.values()]
     run.__signature__ = Signature([*map(described, every)])  # type: ignore[attr-defined]
     return run
 

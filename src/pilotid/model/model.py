@@ -446,9 +446,8 @@ class PilotModel:
                 response = reduce(np.multiply, [evaluated[place][0] for place in places], fixed)
                 result[..., c, -1, :] = response
                 for place in places:
-                    for index, slope in zip(
-                        self.moving[place][1], evaluated[place][1], strict=True
-                    ):
+                    indices, slopes = self.moving[place][1], evaluated[place][1]
+                    for index, slope in zip(indices, slopes, strict=True):
                         result[..., c, index, :] += slope * response
             return result
 
