@@ -46,7 +46,6 @@ class Changing:
     """
 
     factors: tuple[Polynomial, ...]
-    fixed_poles = ()
 
     def __post_init__(self) -> None:
         for factor in self.factors:

@@ -205,10 +205,6 @@ class Held(Factor):
         return self.factor.fixed_poles
 
     @property
-    def derivative(self) -> int:
-        return self.factor.derivative
-
-    @property
     def ahead(self) -> str:
         return self.factor.ahead
 

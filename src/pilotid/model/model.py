@@ -126,7 +126,7 @@ class PilotModel:
     @property
     def fixed_poles(self) -> tuple[float, ...]:
         """Poles that no parameter moves [rad/s]; their free decay is a nuisance term."""
-        poles = {p for c in self.channels for f in c.factors for p in f.fixed_poles}
+        poles = {p for c in self.channels for f in c.dynamics for p in f.fixed_poles}
         return tuple(sorted(poles))
 
     def slowest_lag(self, values: FloatArray) -> float:
@@ -153,10 +153,7 @@ class PilotModel:
     def ahead(self) -> float:
         """How far the model looks ahead at most [s]."""
         most = {p.key: p.upper for p in self.parameters} | self.held
-        return max(
-            sum(most[f.ahead] for f in c.factors if isinstance(f, Factor) and f.ahead)
-            for c in self.channels
-        )
+        return max(sum(most[f.ahead] for f in c.dynamics if f.ahead) for c in self.channels)
 
     @cached_property
     def extra(self) -> tuple[str, ...]:

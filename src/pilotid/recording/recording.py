@@ -91,15 +91,14 @@ class Recording:
     extra: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        lines = {name: tuple(map(int, lines)) for name, lines in self.lines.items() if lines}
-        for name, value in (
-            ("source", printable(str(self.source))),
-            ("dt", float(self.dt)),
-            ("run_in", int(self.run_in)),
-            ("lead_in", float(self.lead_in)),
-            ("lines", lines),
-        ):
-            object.__setattr__(self, name, value)
+        own = vars(self)  # what is given becomes what is promised; then all is frozen
+        own.update(
+            source=printable(str(self.source)),
+            dt=float(self.dt),
+            run_in=int(self.run_in),
+            lead_in=float(self.lead_in),
+            lines={name: tuple(map(int, lines)) for name, lines in self.lines.items() if lines},
+        )
         if not 0.0 < self.dt <= COARSEST:
             self._refuse(
                 f"the sampling interval is {self.dt:.3g} s; a pilot's control needs at most "
@@ -109,11 +108,10 @@ class Recording:
         for name in ("u", *SIGNALS):
             value = getattr(self, name)
             if value is not None or name in "eux":
-                object.__setattr__(self, name, self._checked(name, value))
+                own[name] = self._checked(name, value)
         for name in self.extra:
             require_extra_name(name)
-        extra = {name: self._checked(name, value) for name, value in self.extra.items()}
-        object.__setattr__(self, "extra", extra)
+        own["extra"] = {name: self._checked(name, value) for name, value in self.extra.items()}
         scored = self.duration - max(0.0, self.lead_in - self.run_in * self.dt)
         if min(self.run_in, self.lead_in) < 0 or self.duration < SHORTEST or scored < LEAST_SCORED:
             self._refuse(
