@@ -28,14 +28,7 @@ from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.signals import Multisine, Remnant
 from pilotid.datasets.simulation import white_level
 from pilotid.model.catalogue import MODELS as CATALOGUE
-from pilotid.model.element import (
-    ControlledElement,
-    double_integrator,
-    integrator_with_lag,
-    position_control,
-    second_order,
-    single_integrator,
-)
+from pilotid.model.element import ControlledElement
 from pilotid.model.loops import is_stable, margins, open_loops
 from pilotid.model.model import PilotModel
 from pilotid.support.types import FloatArray, InputError
@@ -155,12 +148,16 @@ class Population:
 def drawn_element(kind: str, rng: np.random.Generator) -> ControlledElement:
     """A controlled element of a kind that `ELEMENTS` names."""
     gain = _between(1.0, 20.0, rng)
-    plain = {"K": position_control, "K/s": single_integrator, "K/s^2": double_integrator}
-    if kind in plain:
-        return plain[kind](gain)
+    bottom = {"K": (1.0,), "K/s": (1.0, 0.0), "K/s^2": (1.0, 0.0, 0.0)}.get(kind)
+    name = kind.replace("K", f"{gain:g}")
     if kind == "K/(s(s+a))":
-        return integrator_with_lag(gain, _between(0.2, 6.0, rng))
-    return second_order(gain, _between(0.5, 3.0, rng), _between(0.3, 1.2, rng))
+        bottom = (1.0, _between(0.2, 6.0, rng), 0.0)
+        name = f"{gain:g}/(s(s{bottom[1]:+g}))"
+    elif bottom is None:
+        frequency, damping = _between(0.5, 3.0, rng), _between(0.3, 1.2, rng)
+        bottom = (1.0, 2.0 * damping * frequency, frequency**2)
+        name = f"{gain:g}/(s^2{bottom[1]:+g}s{bottom[2]:+g})"
+    return ControlledElement((gain,), bottom, name=name)
 
 
 def drawn_pilot(

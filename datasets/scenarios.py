@@ -25,7 +25,7 @@ from pilotid.datasets.signals import (
 )
 from pilotid.estimate.estimate import Estimate
 from pilotid.model.catalogue import ADAPTING, MULTI, SINGLE
-from pilotid.model.element import ControlledElement, double_integrator
+from pilotid.model.element import ControlledElement, element_named
 from pilotid.model.loops import is_stable, pilot_on
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import SIGNALS, Recording
@@ -144,7 +144,7 @@ class Scenario:
     description: str
     model: PilotModel = MULTI
     truth: tuple[float, ...] = PILOT_IN_MOTION
-    element: ControlledElement = field(default_factory=lambda: double_integrator(4.0))
+    element: ControlledElement = field(default_factory=lambda: element_named("4/s^2"))
     target: Forcing | None = field(default_factory=paper_target)
     disturbance: Forcing | None = field(default_factory=paper_disturbance)
     remnant: Remnant = field(default_factory=Remnant)

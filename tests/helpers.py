@@ -22,13 +22,7 @@ from pilotid.likelihood.prediction import Prediction, predict
 from pilotid.methods import METHODS
 from pilotid.methods.bayes import Bayes
 from pilotid.model.catalogue import MODELS
-from pilotid.model.element import (
-    ControlledElement,
-    double_integrator,
-    element_named,
-    integrator_with_lag,
-    single_integrator,
-)
+from pilotid.model.element import ControlledElement, element_named
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import Box, Minima
@@ -40,7 +34,7 @@ SINGLE_LOOP = SCENARIOS["single"]
 
 #: What trained pilots flew in Pool, Harder and van Paassen (2016).
 TRAINED = element_named("10.62(s+0.99)/(s(s^2+2.58s+7.61))")
-LAGGED = integrator_with_lag(4.0, 1.5)
+LAGGED = element_named("4/(s(s+1.5))")
 
 
 def pilot(name: str, truth: tuple[float, ...], element: ControlledElement) -> Scenario:
@@ -55,9 +49,9 @@ PILOTS = {
     for scenario in (
         SINGLE_LOOP,
         NOMINAL,
-        pilot("gain", (0.8, 0.28, 12.0, 0.3), single_integrator(2.0)),
-        pilot("lead-lag", (0.6, 1.0, 0.35, 0.28, 13.0, 0.35), single_integrator(2.0)),
-        pilot("rate", (0.35, 1.1, 0.27, 0.25, 0.18, 11.0, 0.4), double_integrator(4.0)),
+        pilot("gain", (0.8, 0.28, 12.0, 0.3), element_named("2/s")),
+        pilot("lead-lag", (0.6, 1.0, 0.35, 0.28, 13.0, 0.35), element_named("2/s")),
+        pilot("rate", (0.35, 1.1, 0.27, 0.25, 0.18, 11.0, 0.4), element_named("4/s^2")),
         pilot("lead-lag-motion", (0.7, 1.3, 0.4, 0.24, 0.3, 0.18, 12.0, 0.35), LAGGED),
         pilot("lead-lag-canals", (0.7, 1.3, 0.4, 0.24, 1.2, 0.18, 12.0, 0.35), LAGGED),
         pilot("lead2-lag", (0.8, 0.45, 0.8, 0.22, 13.0, 0.35), TRAINED),
@@ -66,11 +60,11 @@ PILOTS = {
             (4.75 * 0.2865, 0.30, 0.95, 0.22, 3.00 * 0.2865, 0.19, 14.0, 0.30),
             TRAINED,
         ),
-        pilot("crossover", (2.2, 0.35), single_integrator(2.0)),
-        pilot("precision", (3.0, 0.25, 1.1, 2.5, 8.0, 0.2, 12.0, 0.4), single_integrator(2.0)),
-        pilot("pursuit", (0.8, 0.35, 0.28, 0.35, 0.16, 0.23, 12.0, 0.35), single_integrator(2.0)),
+        pilot("crossover", (2.2, 0.35), element_named("2/s")),
+        pilot("precision", (3.0, 0.25, 1.1, 2.5, 8.0, 0.2, 12.0, 0.4), element_named("2/s")),
+        pilot("pursuit", (0.8, 0.35, 0.28, 0.35, 0.16, 0.23, 12.0, 0.35), element_named("2/s")),
         pilot("preview", (0.3, 1.1, 0.26, 0.9, 0.25, 0.7, 0.06, 0.12, 0.3, 11.0, 0.35), LAGGED),
-        pilot("look-ahead", (1.2, 0.35, 1.1, 0.2, 0.2, 10.0, 0.4), single_integrator(1.2)),
+        pilot("look-ahead", (1.2, 0.35, 1.1, 0.2, 0.2, 10.0, 0.4), element_named("1.2/s")),
         pilot("following", (0.95, 0.12, 0.21, 12.0, 0.5), element_named("1")),
     )
 }

@@ -34,7 +34,7 @@ from pilotid.likelihood.remnant_models import (
 )
 from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS
-from pilotid.model.element import double_integrator, element_named
+from pilotid.model.element import element_named
 from pilotid.model.loops import pilot_on
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
@@ -103,7 +103,7 @@ def test_gradients_are_those_of_differences(
 def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> None:
     """One whole period without edges, where the likelihood can be written down bin by bin."""
     scenario = replace(
-        scenario_named("nominal"), run_in=0.0, element=double_integrator(4.0), dt=0.06, runs=1
+        scenario_named("nominal"), run_in=0.0, element=element_named("4/s^2"), dt=0.06, runs=1
     )
     recording = simulate(scenario, np.random.default_rng(3))
     model, truth = scenario.model, scenario.values
@@ -173,7 +173,7 @@ def test_the_element_that_closes_the_loop_is_what_signals_show() -> None:
         element = closing_element(each)
         np.testing.assert_allclose(
             element.response(np.array([3.0])),
-            double_integrator(4.0).response(np.array([3.0])),
+            element_named("4/s^2").response(np.array([3.0])),
             rtol=0.02,
         )
 

@@ -243,8 +243,8 @@ def test_several_files_give_a_list_and_joint_gives_one(
         (("--seed", "-1"), ("--seed",)),
         (("--seed", "many"), ("--seed",)),
         (("--sed", "1"), ("--sed", "pilotid fit --help")),
-        (("--json", "none/f.json"), ("no folder none",)),
-        (("--report", "."), ("is a folder",)),
+        (("--json", "none/f.json"), ("none/f.json: is no file in a folder",)),
+        (("--report", "."), (".: is no file in a folder",)),
     ],
     ids=lambda value: "=".join(value) if isinstance(value, tuple) else None,
 )
@@ -385,11 +385,12 @@ def test_a_bad_file_does_not_cost_the_others(run: Run, simulated: Path, tmp_path
     answer = run("fit", missing, simulated, *options)
     assert answer.status == 2
     assert answer.err == (
-        f"pilotid: {missing}: there is no such file; check the name and the folder\n"
+        f"pilotid: {missing}: cannot be read (No such file or directory); "
+        "check name, folder and rights\n"
     )
     assert strict(out.read_text())["recording"]["source"] == str(simulated)
     out.unlink()
-    refused(run("fit", missing, simulated, "--joint", *options), "no such file")
+    refused(run("fit", missing, simulated, "--joint", *options), "No such file")
     assert not out.exists()
 
 

@@ -28,7 +28,7 @@ from pilotid.datasets.signals import (
     white,
 )
 from pilotid.datasets.simulation import remnant_ratio, white_level
-from pilotid.model.element import double_integrator, position_control
+from pilotid.model.element import element_named
 from pilotid.recording.recording import Recording
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 
@@ -192,7 +192,7 @@ def test_measured_remnant_power_agrees_with_remnant_ratio(scenario: Scenario) ->
     runs = 120
     alone = replace(
         with_remnant(scenario, level=level, level_is="gain"),
-        element=position_control(1e-12),
+        element=element_named("1e-12"),
         target=None,
         disturbance=None,
         runs=runs,
@@ -220,7 +220,7 @@ def test_scenarios_have_the_names_of_the_contract() -> None:
 
 def test_nominal_and_single_scenarios_are_those_of_the_paper() -> None:
     for scenario in (SCENARIOS["nominal"], SCENARIOS["single"]):
-        assert scenario.element == double_integrator(4.0)
+        assert scenario.element == element_named("4/s^2")
         assert (scenario.target, scenario.disturbance) == (paper_target(), paper_disturbance())
         assert (scenario.remnant.level, scenario.remnant.order) == (0.4, 2)
     assert NOMINAL.truth == (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)
@@ -279,7 +279,7 @@ def test_remnant_does_not_wrap_round_the_recording() -> None:
 
 
 def test_unstable_scenario_is_refused() -> None:
-    scenario = replace(NOMINAL, name="wild", element=double_integrator(6.0))
+    scenario = replace(NOMINAL, name="wild", element=element_named("6/s^2"))
     with pytest.raises(InputError, match=r"^scenario wild: the closed loop is unstable"):
         simulate(scenario, rng())
 

@@ -18,7 +18,7 @@ from pilotid.checks.element_fit import (
 )
 from pilotid.checks.element_forms import FORMS, Form, fits_of, fitted_form, simplest, spectra_of
 from pilotid.datasets import POPULATIONS, simulate
-from pilotid.model.element import ControlledElement, double_integrator, element_named
+from pilotid.model.element import ControlledElement, element_named
 from pilotid.recording.files import load_recording
 from pilotid.recording.recording import Recording
 from pilotid.support.limits import ELEMENT
@@ -245,10 +245,10 @@ def test_the_name_of_a_form_is_short(form: Form, values: tuple[float, ...], name
 
 
 def test_elements_that_differ_are_said_to() -> None:
-    assert differs(double_integrator(15.0), double_integrator(15.3), "given", "x is") is None
+    assert differs(element_named("15/s^2"), element_named("15.3/s^2"), "given", "x is") is None
     late = ControlledElement((15.0,), (1.0, 0.0, 0.0), delay=0.01, name="late")
-    assert differs(double_integrator(15.0), late, "given", "x is") is None  # a sample
-    sentence = differs(double_integrator(4.0), double_integrator(15.0), "given", "x is")
+    assert differs(element_named("15/s^2"), late, "given", "x is") is None  # a sample
+    sentence = differs(element_named("4/s^2"), element_named("15/s^2"), "given", "x is")
     assert sentence is not None
 
 
@@ -256,15 +256,15 @@ def test_the_element_is_the_user_s_else_the_file_s_else_the_signals() -> None:
     recording = recording_of(SINGLE_LOOP)
     assert recording.controlled_element == "4/s^2"
     unnamed = replace(recording, controlled_element="")
-    given = chosen_element(recording, double_integrator(4.1))
-    assert (given.element, given.origin, given.remarks) == (double_integrator(4.1), "given", ())
+    given = chosen_element(recording, element_named("4.1/s^2"))
+    assert (given.element, given.origin, given.remarks) == (element_named("4.1/s^2"), "given", ())
     named = chosen_element(recording)
-    assert (named.element, named.origin, named.remarks) == (double_integrator(4.0), "recording", ())
+    assert (named.element, named.origin, named.remarks) == (element_named("4/s^2"), "recording", ())
     shown = chosen_element(unnamed)
     assert shown.origin == "identified"
     assert deviation(shown.element, SINGLE_LOOP.element) < 0.01
-    wrong = chosen_element(replace(recording, controlled_element="9/s"), double_integrator(1.0))
-    assert wrong.element == double_integrator(1.0)
+    wrong = chosen_element(replace(recording, controlled_element="9/s"), element_named("1/s^2"))
+    assert wrong.element == element_named("1/s^2")
     assert [r.split(" is ")[0] for r in wrong.remarks] == [
         "the controlled element given",
         "the controlled element that the file names",

@@ -8,14 +8,8 @@ import pytest
 from pilotid.datasets import CATALOGUE, Scenario
 from pilotid.datasets.population import drawn_element
 from pilotid.model.element import (
-    ControlledElement,
-    double_integrator,
     element_named,
-    integrator_with_lag,
     parsed_element,
-    position_control,
-    second_order,
-    single_integrator,
 )
 from pilotid.support.types import InputError
 
@@ -95,24 +89,6 @@ def test_other_texts_are_refused_in_a_sentence_that_shows_where(text: str, why: 
         element_named(text)
     assert why in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    "element",
-    [
-        position_control(-3.0),
-        single_integrator(2.5),
-        double_integrator(4.0),
-        integrator_with_lag(5.0, -1.5),
-        second_order(2.0, 3.0, 0.4),
-    ],
-    ids=lambda e: e.name,
-)
-def test_names_of_elements_are_read_as_the_same_elements(element: ControlledElement) -> None:
-    read = element_named(element.name)
-    np.testing.assert_allclose(read.denominator, element.denominator, rtol=1e-12)
-    assert read.numerator == element.numerator
-    assert read.name == element.name
 
 
 def test_names_in_the_catalogue_are_read() -> None:

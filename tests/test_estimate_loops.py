@@ -25,12 +25,7 @@ from pilotid.estimate.estimate import Outcome, failed
 from pilotid.estimate.loops import both_loops, margin_slopes
 from pilotid.methods.mle import MLE
 from pilotid.model.catalogue import MODELS, SINGLE
-from pilotid.model.element import (
-    ControlledElement,
-    double_integrator,
-    position_control,
-    single_integrator,
-)
+from pilotid.model.element import ControlledElement, element_named
 from pilotid.model.loops import margin, margins, open_loops
 from pilotid.plots.responses import open_loop
 from pilotid.recording.files import save_recording
@@ -69,7 +64,7 @@ def test_slopes_of_margins_are_their_differences(scenario: Scenario) -> None:
 
 def test_a_pilot_of_the_target_alone_has_no_disturbance_loop() -> None:
     model = MODELS["following"]
-    target, disturbance = margin_slopes(model, model.start, position_control(2.0), 3.0)
+    target, disturbance = margin_slopes(model, model.start, element_named("2"), 3.0)
     assert np.isfinite(target).all()
     assert np.isnan(disturbance).all()
 
@@ -120,9 +115,9 @@ def test_a_loop_whose_crossover_is_not_told_has_no_numbers() -> None:
 def test_an_estimate_makes_loops_and_transfer_functions_and_draws_them() -> None:
     own = estimate_at(SINGLE, RESONANT, np.diag(ERRORS**2))
     named = [q.value for q in own.loops("15/s^2").quantities]
-    assert named == [q.value for q in own.loops(double_integrator(15.0)).quantities]
+    assert named == [q.value for q in own.loops(element_named("15/s^2")).quantities]
     above, _ = open_loop(own, "15/s^2")
-    drawn, _ = open_loop(own, double_integrator(15.0))
+    drawn, _ = open_loop(own, element_named("15/s^2"))
     lines = [axes.get_lines()[-2].get_ydata() for axes in (above, drawn)]
     np.testing.assert_array_equal(*lines)
     (function,) = own.to_control(9).values()
@@ -152,7 +147,7 @@ def test_claimed_errors_are_the_scatter_over_replications() -> None:
 
 
 def test_draws_keep_to_the_estimate_s_crossing() -> None:
-    element = single_integrator(4.0)
+    element = element_named("4/s")
     at, _ = margins(SINGLE, RESONANT, element)
     assert at.crossover == pytest.approx(2.88, abs=0.01)
     assert at.others == pytest.approx((14.4,), abs=0.1)
@@ -177,7 +172,7 @@ def test_draws_keep_to_the_estimate_s_crossing() -> None:
 
 def test_phase_margins_are_continuous_where_the_phase_wraps() -> None:
     # A delay of the element turns the phase at the crossover to within a degree of -360 deg.
-    plain = double_integrator(4.0)
+    plain = element_named("4/s^2")
     at, _ = margins(SINGLE, SINGLE_LOOP.values, plain)
     late = (np.radians(at.phase_margin + 179.0)) / at.crossover
     element = ControlledElement(plain.numerator, plain.denominator, late, "late")
@@ -196,20 +191,20 @@ def test_phase_margins_are_continuous_where_the_phase_wraps() -> None:
 
 def test_it_is_said_why_there_are_none() -> None:
     estimate = estimate_at(SINGLE, RESONANT, np.diag(ERRORS**2))
-    weak = estimate.loops(position_control(0.01))
+    weak = estimate.loops(element_named("0.01"))
     assert all(np.isnan(q.value) for q in weak.quantities)
     assert weak.notes[0].startswith(
         "target loop: no crossing: the magnitude does not fall through one"
     )
-    lost = failed("by hand", SINGLE, Outcome.SINGULAR).loops(double_integrator(4.0))
+    lost = failed("by hand", SINGLE, Outcome.SINGULAR).loops(element_named("4/s^2"))
     assert all(np.isnan(q.value) for q in lost.quantities)
     assert lost.notes == ["target loop: the fit failed", "disturbance loop: the fit failed"]
 
 
 def test_an_unstable_fitted_loop_is_said_to_be() -> None:
     estimate = estimate_at(SINGLE, SINGLE_LOOP.values, np.diag(ERRORS**2))
-    assert estimate.loops(double_integrator(4.0)).remarks == ()
-    (remark,) = estimate.loops(double_integrator(6.0)).remarks
+    assert estimate.loops(element_named("4/s^2")).remarks == ()
+    (remark,) = estimate.loops(element_named("6/s^2")).remarks
     assert "the fitted loop with 6/s^2 is unstable" in remark
 
 

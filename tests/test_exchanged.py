@@ -19,7 +19,7 @@ from pilotid.methods.arx import ARX
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.model.catalogue import MULTI
-from pilotid.model.element import single_integrator
+from pilotid.model.element import element_named
 from pilotid.recording.recording import Recording, joined
 from pilotid.recording.spectra import forcing_lines, same_lines
 
@@ -91,7 +91,7 @@ def test_nothing_is_remarked_on() -> None:
     first = PILOTS["look-ahead"]
     recording = joined(recorded(first, exchanged(first), replace(first, disturbance=None)))
     assert not remarks(recording)
-    (other,) = recorded(replace(first, element=single_integrator(2.0)), seed=2)
+    (other,) = recorded(replace(first, element=element_named("2/s")), seed=2)
     assert "element-differs" in {r.code for r in remarks(joined([recording, other]))}
 
 

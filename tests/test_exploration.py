@@ -30,7 +30,7 @@ from pilotid.likelihood.search import (
 )
 from pilotid.methods.mle import MLE
 from pilotid.model.catalogue import MODELS
-from pilotid.model.element import position_control
+from pilotid.model.element import element_named
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.spectral.equations import fit_lines
@@ -125,7 +125,7 @@ def position_pilot() -> Scenario:
         PILOTS["lead-lag"],
         name="position",
         truth=(0.46, 0.4, 2.8, 0.23, 10.5, 0.5),
-        element=position_control(6.0),
+        element=element_named("6"),
         disturbance=None,
         remnant=Remnant(1, 11.0, 0.7, 0.12, "ratio"),
     )

@@ -16,7 +16,7 @@ from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_inter
 from pilotid.estimate.method import Fitted, fit_all
 from pilotid.methods import method_named
 from pilotid.model.catalogue import MULTI, SINGLE
-from pilotid.model.element import double_integrator
+from pilotid.model.element import element_named
 from pilotid.model.loops import margins, open_loops
 from pilotid.model.model import PilotModel
 from pilotid.plots import plots
@@ -25,7 +25,7 @@ from pilotid.recording.recording import Recording
 from pilotid.report.fit import figures_of
 from pilotid.support.types import InputError
 
-ELEMENT = double_integrator(4.0)
+ELEMENT = element_named("4/s^2")
 
 
 @cache

@@ -378,7 +378,7 @@ REFUSED_STORAGE: list[tuple[Writer, list[str]]] = [
     (lambda folder: cut(save_v73(folder / "F.mat", ONE), 2000), ["damaged"]),
     (lambda folder: cut(saved(ONE, do_compression=True)(folder), 5000), ["damaged"]),
     (written(b"t,e,u,x\n" * 99, "F.mat"), ["damaged"]),
-    (lambda folder: folder / "F.csv", ["no such file"]),
+    (lambda folder: folder / "F.csv", ["No such file"]),
     (lambda folder: made(folder / "F.csv", Path.mkdir), ["cannot be read"]),
 ]
 

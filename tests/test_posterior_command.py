@@ -15,7 +15,7 @@ from pilotid.datasets import simulate
 from pilotid.estimate.method import fit_all
 from pilotid.methods.bayes import Bayes
 from pilotid.model.catalogue import SINGLE
-from pilotid.model.element import double_integrator
+from pilotid.model.element import element_named
 from pilotid.model.loops import margins
 from pilotid.recording.files import save_recording
 from pilotid.report.fit import quantities_of
@@ -77,12 +77,15 @@ def test_wrong_use_ends_with_a_sentence(run: Run, tmp_path: Path) -> None:
     missing = run("posterior", "a.csv", "b.csv")
     unread = run("posterior", "--element", "four", file)
     assert missing.status == unread.status == 2
-    assert "a.csv: there is no such file; check the name and the folder; b.csv" in missing.err
+    assert (
+        "a.csv: cannot be read (No such file or directory); check name, folder and rights; b"
+        in missing.err
+    )
     assert "the controlled element 'four' cannot be read: 'four'" in unread.err
 
 
 def test_derived_quantities_are_those_of_the_parameters() -> None:
-    element = double_integrator(4.0)
+    element = element_named("4/s^2")
     fit = fit_all(RECORDING, SINGLE, {"bayes": Bayes()}, 1, chosen_element(RECORDING, element))
     (estimate,) = fit.estimates
     quantities = {s.key: s for s in quantities_of(fit)}

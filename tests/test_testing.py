@@ -86,7 +86,7 @@ def test_a_good_method_passes() -> None:
         (chance, "gives other values with the same random generator"),
         (helpless, "finds nothing in an ordinary recording"),
         (picky, "ValueError: what is this"),
-        (lambda good, rng: good, "cannot be pickled"),
+        (lambda good, rng: good, "cannot be hashed and pickled"),
     ],
     ids=lambda value: getattr(value, "__name__", None),
 )

@@ -24,7 +24,7 @@ from pilotid.likelihood.second_step import (
 from pilotid.methods.arx import ARX
 from pilotid.methods.sindy import SINDy
 from pilotid.model.catalogue import MULTI, SINGLE
-from pilotid.model.element import position_control
+from pilotid.model.element import element_named
 from pilotid.model.model import PilotModel
 from pilotid.support.types import ComplexArray, FloatArray
 
@@ -206,7 +206,7 @@ def test_errors_hold_how_far_the_recording_moves_an_estimate() -> None:
 
 @pytest.mark.parametrize("method", [ARX(), SINDy()], ids=lambda m: m.name)
 def test_an_output_that_follows_the_control_at_once_is_objected_to(method: ARX | SINDy) -> None:
-    loop = replace(SINGLE_LOOP, name="gain-element", element=position_control(0.05))
+    loop = replace(SINGLE_LOOP, name="gain-element", element=element_named("0.05"))
     recording = recording_of(loop)
     assert "follows the control at once" in (output_at_once(recording) or "")
     assert fit_of(method, loop).outcome is Outcome.NOT_APPLICABLE

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import UnionType
 from typing import TYPE_CHECKING, TypeVar, cast, overload
 
 import numpy as np
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
     from pilotid.study.table import Comparison
     from pilotid.study.trust import Trust
 
-DEFAULT_METHOD = "mle"
 T = TypeVar("T")
 
 
@@ -53,7 +51,7 @@ def identify(
 def identify(
     recording: Recording | Method | str,
     model: PilotModel | Recording | str,
-    method: Method | PilotModel | str = DEFAULT_METHOD,
+    method: Method | PilotModel | str = "mle",
     rng: np.random.Generator | int = DEFAULT_SEED,
 ) -> Estimate:
     """Identify a pilot model from a recording: ``identify(recording, "multi", "mle")``.
@@ -83,7 +81,7 @@ def identify(
     chosen = method_named(method) if isinstance(method, str) else cast(Method, method)
     if not isinstance(rng, np.random.Generator):
         rng = fit_rng(rng, label_of(chosen))
-    known = cast(Recording, _require(recording, Recording, "recording"))
+    known = _require(recording, Recording, "recording")
     estimate = run_method(chosen, known, _model(model), rng)
     return replace(estimate, remarks=(*check(known).remarks, *estimate.remarks))
 
@@ -92,7 +90,7 @@ def _model(given: PilotModel | str) -> PilotModel:
     return _require(model_named(given) if isinstance(given, str) else given, PilotModel, "model")
 
 
-def _require(thing: T, kind: type | UnionType, name: str) -> T:
+def _require(thing: object, kind: type[T] | tuple[type[T], ...], name: str) -> T:
     """Refuse a thing of another kind in a sentence."""
     if not isinstance(thing, kind):
         wanted = str(getattr(kind, "__name__", "Scenario"))
@@ -172,7 +170,7 @@ def simulate(
     Recording
     """
     chosen = scenario_named(scenario) if isinstance(scenario, str) else scenario
-    _require(chosen, Scenario | Population, "scenario")
+    _require(chosen, (Scenario, Population), "scenario")
     if isinstance(rng, np.random.Generator):
         return simulated(chosen.drawn(rng), rng)
     drawn = chosen.drawn(draw_rng(rng, chosen.name))
@@ -278,6 +276,5 @@ def design(
     from pilotid.datasets.design import design as designed
 
     named = scenario_named(scenario) if isinstance(scenario, str) else scenario
-    if not isinstance(named, Scenario):
-        raise InputError(f"{named.name}: is a population; a design is for one scenario")
-    return designed(named, minimise, REFERENCE if limits is None else limits)
+    one = _require(named, Scenario, "scenario")
+    return designed(one, minimise, REFERENCE if limits is None else limits)

@@ -17,7 +17,6 @@ from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import AUTO, model_named, with_held
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import read_with
-from pilotid.recording.recording import Recording
 from pilotid.support import disk
 from pilotid.support.disk import strict_json, write_file
 from pilotid.support.naming import split_list
@@ -107,46 +106,34 @@ SPELLED = {
 }
 
 
-def spelled(name: str) -> str:
-    """How an option is typed."""
-    return SPELLED.get(name, f"--{name.replace('_', '-')}")
-
-
-def options_in(kind: Any) -> list[Parameter]:
-    """The fields of a dataclass as options."""
-    return [
-        p.replace(
-            kind=ONLY, annotation=list[str] if p.annotation == Sequence[str] else p.annotation
-        )
-        for p in signature(kind, eval_str=True).parameters.values()
-    ]
-
-
 def as_command(function: Callable[..., None]) -> Callable[..., None]:
     """A function for typer: what is keyword-only is an option, all else an argument.
 
     The fields of a dataclass are options of their own.
     """
+    own = signature(function, eval_str=True).parameters
+    kinds: dict[str, Any] = {n: p.annotation for n, p in own.items() if is_dataclass(p.annotation)}
+    groups = {name: signature(kind, eval_str=True).parameters for name, kind in kinds.items()}
+    single = {name: p for name, p in own.items() if name not in groups}
 
     def described(p: Parameter) -> Parameter:
         metavar, text = MEANINGS.get(f"{function.__name__} {p.name}") or MEANINGS[p.name]
         about: dict[str, Any] = {"metavar": metavar or None, "help": text}
         if p.name in RANGES and p.annotation is not str:  # --runs 2-5
             about["min"], about["max"] = RANGES[p.name]
-        info = typer.Option(spelled(p.name), **about) if p.kind is ONLY else typer.Argument(**about)
-        return p.replace(annotation=Annotated[p.annotation, info])
-
-    own = signature(function, eval_str=True).parameters
-    groups = {p.name: options_in(p.annotation) for p in own.values() if is_dataclass(p.annotation)}
-    single = [p for p in own.values() if p.name not in groups]
+        typed = SPELLED.get(p.name, f"--{p.name.replace('_', '-')}")
+        is_argument = p.name in single and p.kind is not ONLY
+        info = typer.Argument(**about) if is_argument else typer.Option(typed, **about)
+        kind = list[str] if p.annotation == Sequence[str] else p.annotation
+        return p.replace(kind=ONLY, annotation=Annotated[kind, info])
 
     @wraps(function)
     def run(**given: Any) -> None:
         for name, fields in groups.items():
-            given[name] = own[name].annotation(**{p.name: given.pop(p.name) for p in fields})
+            given[name] = kinds[name](**{field: given.pop(field) for field in fields})
         function(**given)
 
-    every = [p for fields in (single, *groups.values()) for p in fields]
+    every = [p for fields in (single, *groups.values()) for p in fields.values()]
     run.__signature__ = Signature([*map(described, every)])  # type: ignore[attr-defined]
     return run
 
@@ -181,13 +168,6 @@ def models_of(text: str, fix: str | None) -> list[PilotModel]:
     names = [] if text == AUTO else split_list(text) or [text]
     models = [model_named(name) for name in dict.fromkeys(names)]
     return with_held(models, fix) if models else []
-
-
-def selected_model(recording: Recording, name: str, seed: int) -> PilotModel:
-    """The model of that name, or the one best supported by the recording."""
-    from pilotid.likelihood.choice import select
-
-    return select(recording, seed=seed).model if name == AUTO else model_named(name)
 
 
 def require_free(inputs: Sequence[Path], *targets: str | Path | None, force: bool) -> None:

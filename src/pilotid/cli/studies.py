@@ -14,7 +14,7 @@ from pilotid import datasets
 from pilotid.cli import options
 from pilotid.datasets.named import PEOPLE, fetch, recordings_in
 from pilotid.methods import METHODS
-from pilotid.model.catalogue import AUTO
+from pilotid.model.catalogue import AUTO, model_named
 from pilotid.model.element import element_named
 from pilotid.recording.files import Reading, load_recording, read_with
 from pilotid.support import disk
@@ -159,12 +159,13 @@ def compare_studies(first: Path, second: Path) -> None:
 
 def scenario_like(path: Path, seed: int) -> datasets.Scenario:
     """The scenario of a recording, or the one in a `trust.json`."""
+    from pilotid.likelihood.choice import select
     from pilotid.study.trust import fits_of
 
     if path.suffix.lower() == ".json":
         return datasets.named.designed_scenario(path)
     recording = load_recording(path)
-    model = options.selected_model(recording, AUTO, seed)
+    model = select(recording, seed=seed).model
     return datasets.Scenario.from_fit(fits_of(recording, model, seed=seed)[0], recording)
 
 
@@ -185,6 +186,7 @@ def trust(
 
     The first method that is named is the one whose fit is judged, else mle.
     """
+    from pilotid.likelihood.choice import select
     from pilotid.report.study import overview, write_report
     from pilotid.report.study_tables import advice, trust_table
     from pilotid.study.trust import TRUST, UNKNOWN, try_fit
@@ -193,7 +195,7 @@ def trust(
     (recording,), _ = reading.all(files, joint=len(files) > 1)
     if element is not None:
         recording = replace(recording, controlled_element=element_named(element).name)
-    chosen = options.selected_model(recording, model, seed)
+    chosen = select(recording, seed=seed).model if model == AUTO else model_named(model)
     tried = options.names_of(method, [], list(METHODS))
 
     bar = partial(with_bar, what="fits")

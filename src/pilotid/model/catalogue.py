@@ -279,7 +279,7 @@ def with_held(models: Iterable[PilotModel], text: str | None) -> list[PilotModel
         If the text cannot be read, or says something of a parameter that none of the models has.
     """
     changed = list(models)
-    for pair in (text or "").split(",") if text is not None else ():
+    for pair in () if text is None else text.split(","):
         key, _, value = (part.strip() for part in pair.partition("="))
         try:
             numbers = [float(part) for part in value.split("..", 1)]
@@ -288,18 +288,15 @@ def with_held(models: Iterable[PilotModel], text: str | None) -> list[PilotModel
                 f"--fix {text}: '{pair}' is not PARAMETER=NUMBER or PARAMETER=LOWER..UPPER; write "
                 "for example fnm=12,dnm=0.1..0.5"
             ) from None
-        having = [m for m in changed if key in m.index]
+        having = [place for place, m in enumerate(changed) if key in m.index]
         if not having:
             known = ", ".join(dict.fromkeys(k for m in changed for k in m.keys))
             raise InputError(
                 f"--fix {text}: no model here has a parameter {key}; choose from {known}"
             )
-        changed = [
-            m
-            if m not in having
-            else m.with_fixed(**{key: numbers[0]})
-            if len(numbers) == 1
-            else m.with_bounds(**{key: (numbers[0], numbers[1])})
-            for m in changed
-        ]
+        for place in having:
+            if len(numbers) == 1:
+                changed[place] = changed[place].with_fixed(**{key: numbers[0]})
+            else:
+                changed[place] = changed[place].with_bounds(**{key: (numbers[0], numbers[1])})
     return changed

@@ -46,7 +46,6 @@ class Changing:
     """
 
     factors: tuple[Polynomial, ...]
-    fixed_poles = ()
 
     def __post_init__(self) -> None:
         for factor in self.factors:
@@ -151,6 +150,8 @@ class Changing:
         return result
 
 
+AnyFactor = Factor | Changing
+
 #: Words for the signals of the loop that a channel acts on.
 INPUTS = {"error": "e", "output": "x", "target": "ft"}
 
@@ -175,7 +176,7 @@ class Channel:
     name: str
     on: str
     sign: int
-    factors: tuple[Factor | Changing, ...]
+    factors: tuple[AnyFactor, ...]
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[\w .+-]{1,40}", self.name):
@@ -194,14 +195,11 @@ class Channel:
                 f"channel {self.name}: the sign must be 1 or -1, not {self.sign!r}; "
                 "its size belongs to a gain"
             )
-        if not (self.factors and all(isinstance(f, Factor | Changing) for f in self.factors)):
+        known = all(isinstance(f, AnyFactor) for f in self.factors)
+        if not (self.factors and known) or sum(isinstance(f, Changing) for f in self.factors) > 1:
             raise InputError(
                 f"channel {self.name}: give it factors, which derive from "
-                "pilotid.model.factors.Factor"
-            )
-        if sum(isinstance(f, Changing) for f in self.factors) > 1:
-            raise ValueError(
-                f"channel {self.name}: put all factors that vary in time into one Changing"
+                "pilotid.model.factors.Factor, and put all that vary in time into one Changing"
             )
 
     @cached_property

@@ -27,17 +27,11 @@ LONGEST_TEXT = 200  # characters
 HIGHEST_POWER = 12  # degree of a polynomial
 
 #: Other signs for the same things; brackets of all kinds are round ones.
-OTHER_SIGNS = str.maketrans(
-    {
-        "\N{MINUS SIGN}": "-",
-        "\N{MIDDLE DOT}": "*",
-        "\N{MULTIPLICATION SIGN}": "*",
-        "\N{SUPERSCRIPT TWO}": "^2",
-        "\N{SUPERSCRIPT THREE}": "^3",
-        **dict.fromkeys("[{", "("),
-        **dict.fromkeys("]}", ")"),
-    }
-)
+OTHER_SIGNS: dict[int, int | str] = {
+    **str.maketrans("\N{MINUS SIGN}\N{MIDDLE DOT}\N{MULTIPLICATION SIGN}[{]}", "-**(())"),
+    ord("\N{SUPERSCRIPT TWO}"): "^2",
+    ord("\N{SUPERSCRIPT THREE}"): "^3",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +107,8 @@ OPERATIONS: dict[type[ast.operator], Callable[[Ratio, Ratio], Ratio]] = {
 }  # fmt: skip
 
 
-def transfer_function(text: str) -> Ratio:
-    """The ratio of polynomials, and the delay, that a text describes.
+def transfer_function(text: str) -> ControlledElement:
+    """The ratio of polynomials with a delay that a text describes.
 
     What stands before an equals sign, as in ``Hc(s) = 4/s^2``, is left out.
 
@@ -131,11 +125,9 @@ def transfer_function(text: str) -> Ratio:
     ratio = _evaluate(_parse(source))
     if not ratio.top.any():
         raise ValueError("it is zero")
-    if len(ratio.top) > len(ratio.bottom):
-        raise ValueError("it has more zeros than poles, which no element has")
-    if ratio.delay < 0.0:
-        raise ValueError("its delay is negative: write exp(-0.1s) for one of 0.1 s")
-    return ratio
+    name = re.sub(r"\s", "", text.rpartition("=")[2])
+    top, bottom = tuple(ratio.top.tolist()), tuple(ratio.bottom.tolist())
+    return ControlledElement(top, bottom, ratio.delay, name)
 
 
 def _parse(source: str) -> ast.expr:
@@ -202,9 +194,9 @@ class ControlledElement:
 
     def __post_init__(self) -> None:
         if len(self.numerator) > len(self.denominator) or self.denominator[0] == 0.0:
-            raise ValueError(f"controlled element {self.name}: must be a proper transfer function")
+            raise ValueError("it has more zeros than poles, or a zero for the highest power of s")
         if self.delay < 0.0:
-            raise ValueError(f"controlled element {self.name}: a delay cannot be negative")
+            raise ValueError("its delay is negative: write exp(-0.1s) for one of 0.1 s")
 
     def response(self, omega: FloatArray) -> ComplexArray:
         """Frequency response at `omega` [rad/s], shape (n,)."""
@@ -241,53 +233,6 @@ def pade(delay: float, order: int) -> Rational:
     return (above, below) if delay > 0.0 else (below, above)
 
 
-def position_control(gain: float) -> ControlledElement:
-    """K: the output follows the control."""
-    return ControlledElement((gain,), (1.0,), name=f"{gain:g}")
-
-
-def single_integrator(gain: float) -> ControlledElement:
-    """K/s: rate control."""
-    return ControlledElement((gain,), (1.0, 0.0), name=f"{gain:g}/s")
-
-
-def double_integrator(gain: float) -> ControlledElement:
-    """K/s^2: acceleration control."""
-    return ControlledElement((gain,), (1.0, 0.0, 0.0), name=f"{gain:g}/s^2")
-
-
-def integrator_with_lag(gain: float, break_frequency: float) -> ControlledElement:
-    """K/(s (s + a)), with a in rad/s: between rate and acceleration control.
-
-    Parameters
-    ----------
-    gain
-        K, in units of x over those of u, times rad^2/s^2.
-    break_frequency
-        a [rad/s].
-    """
-    return ControlledElement(
-        (gain,), (1.0, break_frequency, 0.0), name=f"{gain:g}/(s(s{break_frequency:+g}))"
-    )
-
-
-def second_order(gain: float, frequency: float, damping: float) -> ControlledElement:
-    """K/(s^2 + 2 z w s + w^2), with its natural frequency w in rad/s and its damping z.
-
-    Parameters
-    ----------
-    gain
-        K, in units of x over those of u, times rad^2/s^2.
-    frequency
-        w [rad/s].
-    damping
-        z [-].
-    """
-    bottom = (1.0, 2.0 * damping * frequency, frequency**2)
-    name = f"{gain:g}/(s^2{bottom[1]:+g}s{bottom[2]:+g})"
-    return ControlledElement((gain,), bottom, name=name)
-
-
 def parsed_element(text: str) -> ControlledElement | None:
     """The controlled element that a text describes; None for any other text.
 
@@ -302,15 +247,12 @@ def parsed_element(text: str) -> ControlledElement | None:
 def element_named(text: str) -> ControlledElement:
     """As `parsed_element`; `InputError` for a text that is none, which says where."""
     try:
-        ratio = transfer_function(text)
+        return transfer_function(text)
     except ValueError as error:
         raise InputError(
             f"the controlled element '{text}' cannot be read: {error}; write for example 4/s^2 or "
             "4 exp(-0.05s)/(s(1+s/30)^2)"
         ) from None
-    name = re.sub(r"\s", "", text.rpartition("=")[2])
-    top, bottom = ratio.top.tolist(), ratio.bottom.tolist()
-    return ControlledElement(tuple(top), tuple(bottom), ratio.delay, name)
 
 
 def as_element(element: ControlledElement | str) -> ControlledElement:

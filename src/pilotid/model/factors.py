@@ -76,15 +76,12 @@ class Parameter:
                 "and underscores"
             )
         least, most = self.usual
-        inside = self.lower < self.start < self.upper
+        inside = self.lower < self.start < self.upper and not (self.positive and self.lower <= 0.0)
         if not (inside and self.lower <= least < most <= self.upper):
             raise ValueError(
                 f"parameter {self.key}: the start {self.start:g} and the usual range must lie "
-                f"inside the bounds ({self.lower:g}, {self.upper:g})"
-            )
-        if self.positive and self.lower <= 0.0:
-            raise ValueError(
-                f"parameter {self.key}: a positive parameter needs a lower bound above zero"
+                f"inside the bounds ({self.lower:g}, {self.upper:g}), and all of a positive one "
+                "above zero"
             )
 
 
@@ -193,23 +190,19 @@ class Held(Factor):
     factor
         The factor.
     held
-        Keys and values of the parameters that are not free.
+        The parameters that are not free, and their values.
     """
 
     factor: Factor
-    held: tuple[tuple[str, float], ...]
+    held: tuple[tuple[Parameter, float], ...]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(p for p in self.factor.parameters if p.key not in dict(self.held))
+        return tuple(p for p in self.factor.parameters if p not in dict(self.held))
 
     @property
     def fixed_poles(self) -> tuple[float, ...]:
         return self.factor.fixed_poles
-
-    @property
-    def derivative(self) -> int:
-        return self.factor.derivative
 
     @property
     def ahead(self) -> str:
@@ -218,9 +211,8 @@ class Held(Factor):
     @cached_property
     def _constants(self) -> tuple[FloatArray | None, ...]:
         """The value of each parameter of the factor that is held, None of those that are free."""
-        known = dict(self.held)
-        keys = (p.key for p in self.factor.parameters)
-        return tuple(np.asarray(known[key]) if key in known else None for key in keys)
+        known = {parameter: np.asarray(value) for parameter, value in self.held}
+        return tuple(map(known.get, self.factor.parameters))
 
     def _all(self, values: Sequence[Any]) -> list[Any]:
         """The values of all parameters."""
@@ -306,12 +298,11 @@ class TimeFactor(Factor):
     start: float
     bounds: tuple[float, float]
     usual: tuple[float, float]
-    positive: ClassVar[bool] = True
     is_delay: ClassVar[bool] = False
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        kind = {"positive": self.positive, "delay": self.is_delay}
+        kind = {"positive": self.bounds[0] > 0.0 and not self.is_delay, "delay": self.is_delay}
         return (Parameter(self.key, "s", *self.bounds, self.start, self.usual, **kind),)
 
 
@@ -372,7 +363,6 @@ class Delay(TimeFactor):
     start: float = 0.25
     bounds: tuple[float, float] = (0.0, 1.0)
     usual: tuple[float, float] = (0.1, 0.5)
-    positive = False
     is_delay = True
 
     def seconds(self, values: Values) -> FloatArray:
@@ -400,7 +390,6 @@ class LookAhead(TimeFactor):
     start: float = 0.5
     bounds: tuple[float, float] = (0.0, 2.0)
     usual: tuple[float, float] = (0.1, 1.2)
-    positive = False
 
     @property
     def ahead(self) -> str:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
-from itertools import combinations
+from itertools import chain, combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.model.channel import INPUTS, RATE, SHIFTS, STEEP, TIME, Changing, Channel
+from pilotid.model.channel import INPUTS, RATE, SHIFTS, STEEP, TIME, AnyFactor, Changing, Channel
 from pilotid.model.element import ControlledElement, Rational
 from pilotid.model.factors import (
     Evaluated,
@@ -22,13 +22,7 @@ from pilotid.model.factors import (
     Parameter,
     Response,
 )
-from pilotid.support.types import (
-    BoolArray,
-    ComplexArray,
-    FloatArray,
-    InputError,
-    IntArray,
-)
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray, InputError, IntArray
 
 if TYPE_CHECKING:
     import control
@@ -132,7 +126,7 @@ class PilotModel:
     @property
     def fixed_poles(self) -> tuple[float, ...]:
         """Poles that no parameter moves [rad/s]; their free decay is a nuisance term."""
-        poles = {p for c in self.channels for f in c.factors for p in f.fixed_poles}
+        poles = {p for c in self.channels for f in c.dynamics for p in f.fixed_poles}
         return tuple(sorted(poles))
 
     def slowest_lag(self, values: FloatArray) -> float:
@@ -159,10 +153,7 @@ class PilotModel:
     def ahead(self) -> float:
         """How far the model looks ahead at most [s]."""
         most = {p.key: p.upper for p in self.parameters} | self.held
-        return max(
-            sum(most[f.ahead] for f in c.factors if isinstance(f, Factor) and f.ahead)
-            for c in self.channels
-        )
+        return max(sum(most[f.ahead] for f in c.dynamics if f.ahead) for c in self.channels)
 
     @cached_property
     def extra(self) -> tuple[str, ...]:
@@ -184,11 +175,11 @@ class PilotModel:
         """
         if not self.needs_element:
             return self
-        return self._with_factors(lambda f: Inverse(element) if f == Inverse() else f)
+        return self._with_factors(lambda f: (Inverse(element) if f == Inverse() else f,))
 
-    def _with_factors(self, change: Callable[[Factor | Changing], Factor | Changing]) -> PilotModel:
-        """The same model with each factor changed."""
-        channels = (replace(c, factors=tuple(change(f) for f in c.factors)) for c in self.channels)
+    def _with_factors(self, change: Callable[[AnyFactor], Sequence[AnyFactor]]) -> PilotModel:
+        """The same model with others in place of each factor."""
+        channels = (replace(c, factors=(*chain(*map(change, c.factors)),)) for c in self.channels)
         return replace(self, channels=tuple(channels))
 
     @cached_property
@@ -452,9 +443,8 @@ class PilotModel:
                 response = reduce(np.multiply, [evaluated[place][0] for place in places], fixed)
                 result[..., c, -1, :] = response
                 for place in places:
-                    for index, slope in zip(
-                        self.moving[place][1], evaluated[place][1], strict=True
-                    ):
+                    indices, slopes = self.moving[place][1], evaluated[place][1]
+                    for index, slope in zip(indices, slopes, strict=True):
                         result[..., c, index, :] += slope * response
             return result
 
@@ -508,9 +498,8 @@ class PilotModel:
 
     @property
     def _held(self) -> list[tuple[Parameter, float]]:
-        every = [f for c in self.channels for f in c.factors if isinstance(f, Held)]
-        known = {p.key: p for f in every for p in f.factor.parameters}
-        return [(known[key], value) for f in every for key, value in f.held]
+        factors = [f for c in self.channels for f in c.factors if isinstance(f, Held)]
+        return [pair for factor in factors for pair in factor.held]
 
     @property
     def held_words(self) -> list[str]:
@@ -534,14 +523,16 @@ class PilotModel:
             if not np.isfinite(value) or value < least or (known.positive and value <= 0.0):
                 raise InputError(f"{key} cannot be held at {value:g}; give a number above 0")
 
-        def fixed(factor: Factor | Changing) -> Factor | Changing:
-            keys = [p.key for p in factor.parameters if p.key in values]
-            if keys and isinstance(factor, Changing):
-                raise InputError(f"{keys[0]} varies in time, and cannot be held at a value")
-            constants = tuple((key, float(values[key])) for key in keys)
+        def fixed(factor: AnyFactor) -> Sequence[AnyFactor]:
+            constants = tuple(
+                (p, float(values[p.key])) for p in factor.parameters if p.key in values
+            )
+            if constants and isinstance(factor, Changing):
+                key = constants[0][0].key
+                raise InputError(f"{key} varies in time, and cannot be held at a value")
             if isinstance(factor, Held):
-                return Held(factor.factor, factor.held + constants)
-            return Held(factor, constants) if constants else factor  # type: ignore[arg-type]
+                return (Held(factor.factor, factor.held + constants),)
+            return (Held(factor, constants) if constants else factor,)  # type: ignore[arg-type]
 
         return self._with_factors(fixed)
 
@@ -595,7 +586,7 @@ class PilotModel:
         """The model with what varies in time taken for constant; a constant one as it is."""
         if not self.changes:
             return self
-        return replace(self, channels=tuple(_constant(channel) for channel in self.channels))
+        return self._with_factors(lambda f: f.factors if isinstance(f, Changing) else (f,))
 
     @property
     def ends(self) -> tuple[IntArray, IntArray]:
@@ -607,11 +598,3 @@ class PilotModel:
                 before[p.key], after[p.key] = self.index[first], self.index[last]
         keys = self.constant.keys
         return np.array([before[key] for key in keys]), np.array([after[key] for key in keys])
-
-
-def _constant(channel: Channel) -> Channel:
-    """A channel with its changing factors taken for constant."""
-    factors: list[Factor] = []
-    for factor in channel.factors:
-        factors += list(factor.factors) if isinstance(factor, Changing) else [factor]
-    return replace(channel, factors=tuple(factors))

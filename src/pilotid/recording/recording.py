@@ -91,15 +91,14 @@ class Recording:
     extra: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        lines = {name: tuple(map(int, lines)) for name, lines in self.lines.items() if lines}
-        for name, value in (
-            ("source", printable(str(self.source))),
-            ("dt", float(self.dt)),
-            ("run_in", int(self.run_in)),
-            ("lead_in", float(self.lead_in)),
-            ("lines", lines),
-        ):
-            object.__setattr__(self, name, value)
+        own = vars(self)  # what is given becomes what is promised; then all is frozen
+        own.update(
+            source=printable(str(self.source)),
+            dt=float(self.dt),
+            run_in=int(self.run_in),
+            lead_in=float(self.lead_in),
+            lines={name: tuple(map(int, lines)) for name, lines in self.lines.items() if lines},
+        )
         if not 0.0 < self.dt <= COARSEST:
             self._refuse(
                 f"the sampling interval is {self.dt:.3g} s; a pilot's control needs at most "
@@ -109,11 +108,10 @@ class Recording:
         for name in ("u", *SIGNALS):
             value = getattr(self, name)
             if value is not None or name in "eux":
-                object.__setattr__(self, name, self._checked(name, value))
+                own[name] = self._checked(name, value)
         for name in self.extra:
             require_extra_name(name)
-        extra = {name: self._checked(name, value) for name, value in self.extra.items()}
-        object.__setattr__(self, "extra", extra)
+        own["extra"] = {name: self._checked(name, value) for name, value in self.extra.items()}
         scored = self.duration - max(0.0, self.lead_in - self.run_in * self.dt)
         if min(self.run_in, self.lead_in) < 0 or self.duration < SHORTEST or scored < LEAST_SCORED:
             self._refuse(
@@ -323,7 +321,7 @@ def joined(recordings: Iterable[Recording]) -> Recording:
     InputError
         If the sampling interval, length or the signals recorded differ.
     """
-    recordings, added = _with_all_forcing(list(recordings))
+    recordings = _with_all_forcing(list(recordings))
     first = recordings[0]
     for other in recordings[1:]:
         for what, a, b in (
@@ -355,26 +353,22 @@ def joined(recordings: Iterable[Recording]) -> Recording:
         lines=lines,
         run_in=shortest,
         source=f"{first.source} and {len(recordings) - 1} more",
-        treatment=tuple(dict.fromkeys([*(s for r in recordings for s in r.treatment), *added])),
+        treatment=tuple(dict.fromkeys(words for r in recordings for words in r.treatment)),
     )
 
 
-def _with_all_forcing(recordings: list[Recording]) -> tuple[list[Recording], list[str]]:
+def _with_all_forcing(recordings: list[Recording]) -> list[Recording]:
     """The same with zeros for forcing functions that others have, and a sentence on each."""
-    added = []
     for name in ("ft", "fd"):
-        without = [r for r in recordings if getattr(r, name) is None]
-        if not 0 < len(without) < len(recordings):
-            continue
-        recordings = [
-            r.with_arrays({name: np.zeros_like(r.u)}, lines={**r.lines, name: ()})
-            if r in without
-            else r
-            for r in recordings
-        ]
-        which = ", ".join(r.source for r in without)
-        added.append(f"{name} is taken for zero in {which}, where it is not recorded")
-    return recordings, added
+        lacking = [place for place, r in enumerate(recordings) if getattr(r, name) is None]
+        which = ", ".join(recordings[place].source for place in lacking)
+        words = f"{name} is taken for zero in {which}, where it is not recorded"
+        for place in lacking if len(lacking) < len(recordings) else ():
+            r = recordings[place]
+            lines, treatment = {**r.lines, name: ()}, (*r.treatment, words)
+            zero = {name: np.zeros_like(r.u)}
+            recordings[place] = r.with_arrays(zero, lines=lines, treatment=treatment)
+    return recordings
 
 
 def factor_of(text: str) -> tuple[float, str]:

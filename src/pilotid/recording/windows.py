@@ -63,8 +63,6 @@ def _periods(recording: Recording) -> tuple[int, int, int] | None:
     signals = _moving(recording)
     samples = recording.samples
     shortest, repeated = (round(t / recording.dt) for t in (SHORTEST_PERIOD, REPEATED))
-    if not len(signals) or samples < shortest + repeated:
-        return None
     windows = []
     for place in _candidates(signals, shortest, samples - repeated):
         # A ramp moves the delay of the best likeness by a sample.

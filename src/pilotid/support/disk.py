@@ -36,16 +36,11 @@ def require_file(path: Path) -> None:
     """
     source = path_shown(path)
     try:
-        info = path.stat()
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputError(
-            f"{source}: there is no such file; check the name and the folder"
-        ) from None
+        why = "" if stat.S_ISREG(path.stat().st_mode) else "it is a folder or a device, say"
     except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise InputError(f"{source}: cannot be read ({why}); check name and rights") from None
-    if not stat.S_ISREG(info.st_mode):
-        raise InputError(f"{source}: cannot be read (it is no file, but a folder or device, say)")
+        why = str(getattr(error, "strerror", None) or error)
+    if why:
+        raise InputError(f"{source}: cannot be read ({why}); check name, folder and rights")
 
 
 def write_file(path: Path, content: bytes) -> None:
@@ -147,21 +142,14 @@ def require_free(
     unasked
         Suffixes of files that are written over in any case.
     """
-    read = {path.resolve() for path in inputs}
-    taken: set[Path] = set()
+    taken = {path.resolve() for path in inputs}
     for target in targets:
         place = target.resolve()
-        if place in read:
-            raise InputError(f"{target}: is read by this command; write to another file")
         if place in taken:
-            raise InputError(f"{target}: is to hold two results; name a file for each")
+            raise InputError(f"{target}: is read or written already; name another file")
         taken.add(place)
-        if not target.parent.is_dir():
-            raise InputError(f"{target}: there is no folder {target.parent}; make it first")
-        if target.is_dir():
-            raise InputError(f"{target}: is a folder; name a file in it")
-        if not (target.exists() or os.access(target.parent, os.W_OK | os.X_OK)):
-            raise InputError(f"{target}: cannot be written; check the rights of its folder")
+        if target.is_dir() or not (target.exists() or os.access(target.parent, os.W_OK | os.X_OK)):
+            raise InputError(f"{target}: is no file in a folder that can be written; name one")
         if not force and target.suffix not in unasked and target.is_file():
             raise InputError(
                 f"{target}: is there already; name another place, or write over it with --force"

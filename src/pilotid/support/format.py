@@ -68,11 +68,6 @@ def plus_minus(value: float, error: float) -> str:
     return f"+{text}" if known and float(shown) > 0.0 else text
 
 
-def percent(value: float, error: float = math.nan) -> str:
-    """A share in %, with its error if there is one."""
-    return unsigned(100.0 * value, 100.0 * error)
-
-
 def signed(value: float) -> str:
     """A percentage with its sign, and a decimal where that matters."""
     return f"{value:+.{0 if abs(value) >= 9.95 else 1}f}"
@@ -96,14 +91,8 @@ def p_value(p: float) -> str:
 
 LINK = r"\[([^\]]+)\]\((#[\w-]+|(?:[\w.-]+/)+[\w.+-]+|[\w-]+\.csv)\)"
 LATEX = {
+    **{sign: f"\\{sign}" for sign in "{}$&#%_"},
     "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "$": r"\$",
-    "&": r"\&",
-    "#": r"\#",
-    "%": r"\%",
-    "_": r"\_",
     "^": r"\textasciicircum{}",
     "~": r"\textasciitilde{}",
     "<": r"\textless{}",

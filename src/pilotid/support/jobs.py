@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, partial
+from importlib import import_module
 from importlib.metadata import version
-from importlib.util import find_spec
 from itertools import islice
 from multiprocessing import spawn
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -94,7 +94,8 @@ def run_tasks(
     """
     if not tasks:
         return
-    count = min(workers or processors(), len(tasks))
+    available = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))
+    count = min(workers or len(available(0)), len(tasks))
     chosen = _processes(count, seconds) if scheduler is None else _cluster(scheduler)
     remaining, running = iter(tasks), dict[Future[Any], Task]()
     with chosen as pool:
@@ -116,18 +117,11 @@ def run_tasks(
                 yield answer
 
 
-def processors() -> int:
-    """Number of processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 @cache
 def own_digest() -> str:
     """A short digest of this package's source."""
-    packages = [find_spec(name) for name in ("pilotid", "pilotid.methods", "pilotid.datasets")]
-    folders = [f for spec in packages if spec for f in spec.submodule_search_locations or ()]
+    packages = map(import_module, ("pilotid", "pilotid.methods", "pilotid.datasets"))
+    folders = [folder for package in packages for folder in package.__path__]
     return digest_of(file.read_bytes() for f in folders for file in sorted(Path(f).rglob("*.py")))
 
 

@@ -14,7 +14,6 @@ import copyreg
 import dataclasses
 import hashlib
 import importlib
-import inspect
 import io
 import math
 import os
@@ -360,26 +359,28 @@ def code_digest(thing: object) -> str:
     Raises
     ------
     InputError
-        If it is of a class that was typed in where nobody can read it again.
+        If it is of a class that was typed in, as in a notebook: nobody could tell later whether
+        it has changed.
     """
-    sources: dict[str, bytes] = {}
+    sources: dict[Path, bytes] = {}
+    todo: list[Path] = []
     for kind in _pickled(thing)[1]:
         module = sys.modules.get(kind.__module__)
         if module is not None and kind.__module__.partition(".")[0] not in KNOWN:
-            file = getattr(module, "__file__", None)
-            sources[file or kind.__qualname__] = _source(kind, file)
-    todo = [Path(name) for name in sources if name.endswith(".py")]
+            todo.append(Path(getattr(module, "__file__", None) or ""))
+            if not todo[-1].is_file():
+                raise InputError(f"{kind.__qualname__}: was typed in; write it to a file")
     while todo:
-        for helper in _imported_beside(todo.pop()):
-            if str(helper) not in sources:
-                sources[str(helper)] = helper.read_bytes()
-                todo.append(helper)
+        file = todo.pop()
+        if file not in sources:
+            sources[file] = file.read_bytes()
+            todo += _imported_beside(file)
     return digest_of(source for _, source in sorted(sources.items())) if sources else ""
 
 
 def _imported_beside(file: Path) -> list[Path]:
-    """The files of its own folder that a file imports."""
-    nodes = [*ast.walk(ast.parse(file.read_bytes()))]
+    """The files of its own folder that a file of Python imports."""
+    nodes = [*ast.walk(ast.parse(file.read_bytes()))] if file.suffix == ".py" else []
     names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
     names += [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
     beside = {file.parent / f"{name.partition('.')[0]}.py" for name in names}
@@ -389,19 +390,3 @@ def _imported_beside(file: Path) -> list[Path]:
 def digest_of(sources: Iterable[bytes]) -> str:
     """A short digest of code."""
     return hashlib.sha256(b"\0".join(sources)).hexdigest()[:12]
-
-
-def _source(kind: type | FunctionType, file: str | None) -> bytes:
-    """The file of a class, or its functions as a notebook has them."""
-    try:
-        if file:
-            return Path(file).read_bytes()
-        parts = (kind, *vars(kind).values())
-        functions = [f for f in parts if isinstance(f, FunctionType)]
-        written = [f for f in functions if f.__code__.co_filename != "<string>"]
-        return "".join(map(inspect.getsource, written)).encode()
-    except OSError:
-        raise InputError(
-            f"{kind.__qualname__}: was typed in, and nobody could tell later whether it has "
-            "changed; write it to a file"
-        ) from None

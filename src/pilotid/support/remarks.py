@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from difflib import get_close_matches
 from typing import Literal, Self
 
 from pilotid.support.types import InputError, one_line
@@ -95,9 +94,7 @@ def codes_in(texts: Iterable[str]) -> frozenset[str]:
     codes = [code.strip() for text in texts for code in text.split(",")]
     for code in codes:
         if code not in CODES:
-            near = get_close_matches(code, CODES, 1)
-            other = f"did you mean {near[0]}?" if near else "the guide lists them under Warnings"
-            raise InputError(f"--ignore: there is no warning with the code '{code}'; {other}")
+            raise InputError(f"--ignore: '{code}' is no code of a warning: {', '.join(CODES)}")
     return frozenset(codes)
 
 
@@ -114,11 +111,8 @@ def gravest_first(remarks: Iterable[Remark]) -> tuple[Remark, ...]:
 def counted_grades(remarks: Iterable[Remark]) -> str:
     """How many remarks there are of each grade, in words; empty for none."""
     grades = [remark.grade for remark in remarks]
-    counts = {grade: grades.count(grade) for grade in GRADES if grade in grades}
-    return ", ".join(
-        f"{count} {grade}{'s' * (count > 1 and grade != 'wrong')}"
-        for grade, count in counts.items()
-    )
+    counted = ((grades.count(grade), grade) for grade in GRADES if grade in grades)
+    return ", ".join(f"{n} {grade}{'s' * (n > 1 and grade != 'wrong')}" for n, grade in counted)
 
 
 def remark_of(sentence: str) -> Remark:
