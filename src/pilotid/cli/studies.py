@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -195,9 +194,7 @@ def trust(
         recording = replace(recording, controlled_element=element_named(element).name)
     chosen = options.selected_model(recording, model, seed)
     tried = options.names_of(method, [], list(METHODS))
-
-    bar = partial(with_bar, what="fits")
-    trusted = try_fit(recording, chosen, tried, out, replications, seed, workers, bar)
+    trusted = try_fit(recording, chosen, tried, out, replications, seed, workers)
     page = write_report(out, trusted.comparison)
     content = trusted.to_dict()
     words, losses, rankings = overview(trusted.comparison)

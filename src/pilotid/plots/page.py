@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Literal
 from xml.etree import ElementTree
 
 from pilotid.estimate.quantities import symbol
-from pilotid.support.disk import write_file
+from pilotid.support.disk import make_folder, write_file
 from pilotid.support.format import Table, clean, for_markdown, inline, markdown, math_html
-from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -147,10 +146,7 @@ def save_figures(
     -------
     The files.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror}); free the name") from error
+    make_folder(folder)
     written: list[Path] = []
     for figure in figures:
         paths = {kind: folder / f"{figure.file}.{kind}" for kind in kinds}

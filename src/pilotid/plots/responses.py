@@ -113,11 +113,12 @@ def _draw_channel(
         for number, end in enumerate(_ends(estimate.model) if shown.known else ()):
             response, errors = fitted_response(estimate, index, bode.omega, end)
             label = f"{shown.label}, after the change" if number else shown.label
-            dash = LATER if number else shown.dash
-            bode.line(response, shown.colour, label, dash, errors if estimate is banded else None)
+            dash = LATER if number else shown.style.dash
+            band = errors if estimate is banded else None
+            bode.line(response, shown.style.colour, label, dash, band)
         if (measured := estimate.frequency_response) is not None:
             label = "" if shown.known else shown.label
-            bode.points(measured, index, shown.colour, shown.marker, label)
+            bode.points(measured, index, shown.style.colour, shown.style.marker, label)
     model = estimates[0].model
     index = [c.name for c in model.channels].index(channel)
     if points is not None:

@@ -14,7 +14,7 @@ import numpy as np
 from pilotid.datasets import SCENARIOS
 from pilotid.datasets.signals import paper_disturbance, paper_target
 from pilotid.plots.page import Figure, write_page
-from pilotid.plots.style import INK, colour_of, draw_grid, journal_figure, marker_of
+from pilotid.plots.style import INK, Style, draw_grid, journal_figure, style_of
 from pilotid.report.study import panelled
 from pilotid.study.paper import (
     BIAS,
@@ -314,10 +314,10 @@ def _points(
             for count, method in enumerate(methods):
                 rows = chosen[chosen.method == method]
                 paper = method == "paper"
-                fmt, colour = "x" if paper else marker_of(method), colour_of(method)
+                colour, marker, _ = Style(INK, "x") if paper else style_of(method)
                 axes.errorbar(
                     rows.place + 0.12 * count, rows.value, rows.std_error.fillna(0.0), lw=0.9,
-                    fmt=fmt if paper else f"{fmt}{line}", color=INK if paper else colour,
+                    fmt=marker if paper else f"{marker}{line}", color=colour,
                     markersize=3.0, elinewidth=0.7, label=method,
                 )  # fmt: skip
             bars = chosen.std_error.fillna(0.0)

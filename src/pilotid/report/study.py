@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pilotid.plots.page import FIGURES, Figure, render, save_figures, write_page
-from pilotid.plots.style import INK, WIDTH, colour_of, journal_style, marker_of
+from pilotid.plots.style import INK, journal_figure, style_of
 from pilotid.report.study_tables import (
     Ranking,
     advice,
@@ -55,11 +55,8 @@ def panelled(
     titles: Sequence[str], height: float, labels: tuple[str, str]
 ) -> Iterator[tuple[Drawing, list[Axes], Axes]]:
     """A figure with a panel for each title, and axes in the spare place for the legend."""
-    from matplotlib.figure import Figure as Drawing
-
     rows = -(-(len(titles) + 1) // COLUMNS)
-    with journal_style():
-        figure = Drawing(figsize=(WIDTH, height * rows), layout="constrained")
+    with journal_figure(height * rows) as figure:
         panels = list(figure.subplots(rows, COLUMNS, squeeze=False).flat)
         for title, axes in zip(titles, panels, strict=False):
             axes.set_title(title)
@@ -120,7 +117,7 @@ def _draw_errors(axes: Axes, scores: DataFrame) -> None:
     axes.axvline(0.0, color=INK, linewidth=0.6)
     axes.set_xlim(-reach, reach)
     for row, method in enumerate(scores.method):
-        colour, middle = colour_of(method), bias[row]
+        (colour, marker, _), middle = style_of(method), bias[row]
         if abs(middle) > reach:
             right = middle > 0.0
             axes.plot(math.copysign(reach, middle), row, ">" if right else "<", color=colour,
@@ -135,7 +132,7 @@ def _draw_errors(axes: Axes, scores: DataFrame) -> None:
         half = Z95 * error[row]
         axes.plot([middle - half, middle + half], [row, row], "|-", color=INK, linewidth=1.0,
                   markersize=4.4)  # fmt: skip
-        axes.plot(middle, row, marker_of(method), color=colour, markersize=4.0,
+        axes.plot(middle, row, marker, color=colour, markersize=4.0,
                   markeredgecolor="white", markeredgewidth=0.4)  # fmt: skip
     axes.locator_params(axis="x", nbins=5)
     axes.tick_params(axis="y", length=0)
@@ -239,10 +236,11 @@ def _detailed(names: Sequence[str]) -> Sequence[str]:
 
 def _wider_priors(study: Comparison, name: str) -> Iterator[str]:
     """How the loss changes where a method's prior is wider, in words."""
-    entries = {m: e for m, e in study.methods.items() if e.uses_prior}
-    for (narrow, first), (wide, second) in permutations(entries.items(), 2):
-        same = {**first.settings, "prior": None} == {**second.settings, "prior": None}
-        if same and second.number("prior") > first.number("prior"):
+    settings = {method: entry.settings for method, entry in study.methods.items()}
+    widths = {m: s["prior"] for m, s in settings.items() if isinstance(s.get("prior"), int | float)}
+    for narrow, wide in permutations(widths, 2):
+        same = {**settings[narrow], "prior": None} == {**settings[wide], "prior": None}
+        if same and widths[wide] > widths[narrow]:
             words = f"In `{name}`, `{wide}` has {loss_text(*study.ratio(name, wide, narrow))}"
             yield f"{words} times the loss of `{narrow}`: the effect of its prior."
 
