@@ -247,6 +247,7 @@ def analyse(
 ) -> None:
     """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
     from pilotid.experiment.experiment import analyse as analysed
+    from pilotid.experiment.report import blocks
 
     models = options.names_of(model, [AUTO], [AUTO])
     methods = list(options.methods_of(method, ["mle"]).values())
@@ -254,7 +255,7 @@ def analyse(
         files, models=models, methods=methods, out=out, reading=reading, **vars(how)
     )
     path = experiment.write(shlex.join(options.TYPED))
-    show(make_console(), *experiment.blocks(path))
+    show(make_console(), *blocks(experiment), f"report: {path}")
     options.raise_refused(experiment.refused)
 
 

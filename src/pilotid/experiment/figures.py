@@ -87,11 +87,10 @@ def _panel(axes: Axes, rows: DataFrame, subjects: Sequence[str]) -> None:
         one = rows[rows["subject"] == subject]
         reach = one[["lower_95", "upper_95"]].sub(one["value"], axis=0).abs().fillna(0.0)
         colour, marker = _look(who)
-        look: dict[str, Any]
-        look = {"fmt": f"-{marker}", "color": colour, "linewidth": 0.5, "markersize": 3.0}
-        look |= {"elinewidth": 0.9, "label": f"subject {subject}"}
         x = one["at"] + 0.48 * ((who + 0.5) / len(subjects) - 0.5)
-        axes.errorbar(x.to_numpy(), one["value"].to_numpy(), reach.to_numpy().T, **look)
+        axes.errorbar(x.to_numpy(), one["value"].to_numpy(), reach.to_numpy().T, color=colour,
+                      fmt=f"-{marker}", linewidth=0.5, markersize=3.0, elinewidth=0.9,
+                      label=f"subject {subject}")  # fmt: skip
     means = rows.groupby("at")["value"].mean()
     ends = means.index - 0.36, means.index + 0.36
     axes.hlines(means, *ends, color=INK, linewidth=1.2, label="mean over subjects")

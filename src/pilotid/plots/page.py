@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 from pilotid.estimate.quantities import symbol
 from pilotid.support.disk import make_folder, write_file
-from pilotid.support.format import Table, clean, for_markdown, inline, markdown, math_html
+from pilotid.support.format import clean, for_markdown, inline, markdown, math_html
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -83,25 +83,17 @@ def environment() -> Environment:
         shown = symbol(key)
         return math_html(shown) if shown != key else Markup("")
 
-    templates.filters |= {"inline": inline, "symbol": symbol_of, "markdown": _markdown}
-    # In Markdown, behind four spaces.
-    templates.filters["verbatim"] = lambda text: Markup(clean(text))
+    templates.filters |= {"inline": inline, "symbol": symbol_of}
+    templates.filters |= {
+        "markdown": lambda text: Markup(for_markdown(text)),
+        "markdown_table": lambda table: Markup(markdown(table)),
+        "verbatim": lambda text: Markup(clean(text)),  # behind four spaces
+    }
     # The one script that a page may run is known by its digest.
     script = files("pilotid").joinpath("templates", "page.js").read_text("utf-8")
     digest = b64encode(sha256(script.encode()).digest()).decode()
     templates.globals |= {"script": Markup(script), "digest": Markup(digest)}
     return templates
-
-
-def _markdown(block: str | Sequence[str] | Table) -> Markup:
-    """A sentence, a list of them or a table as Markdown."""
-    from markupsafe import Markup
-
-    if isinstance(block, str):
-        return Markup(for_markdown(block))
-    if isinstance(block, Table):
-        return Markup(markdown(block))
-    return Markup("\n".join(f"- {for_markdown(sentence)}" for sentence in block))
 
 
 def render(template: str, **context: object) -> str:

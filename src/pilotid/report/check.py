@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -17,7 +18,7 @@ from pilotid.model.element import ControlledElement
 from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.recording.spectra import NotMultisineError, answers, lines_of
 from pilotid.support.format import Line, Table, as_text, table
-from pilotid.support.remarks import GRADES, Remark, codes_of, gravest_first, remarks_json, without
+from pilotid.support.remarks import GRADES, Remark, gravest_first, remarks_json, without
 
 LACKING = {
     "e": "no model can be fitted",
@@ -64,8 +65,7 @@ class Checked:
                 "recorder": [asdict(fault) for fault in self.recorder],
                 "element": _element(self.element),
             },
-            "remarks": list(self.remarks),
-            "codes": codes_of(self.remarks),
+            **remarks_json(self.remarks),
         }
 
     def blocks(self) -> list[str | Line | Table]:
@@ -204,11 +204,10 @@ def summary_of(every: Sequence[Checked]) -> str:
     grades = [{remark.code: remark.grade for remark in checked.remarks} for checked in every]
     bad = [checked for checked in grades if set(checked.values()) & {"wrong", "doubt"}]
     words = f"{len(every)} recordings, {len(every) - len(bad)} without anything wrong or in doubt"
-    kinds = dict.fromkeys(
-        pair for grade in GRADES for codes in grades for pair in codes.items() if pair[1] == grade
-    )
-    counts = [f"{code} ({grade}) {sum(code in codes for codes in grades)}" for code, grade in kinds]
-    return f"{words}: {', '.join(counts)}" if counts else words
+    counts = Counter(pair for codes in grades for pair in codes.items())
+    kinds = sorted(counts.items(), key=lambda kind: GRADES.index(kind[0][1]))
+    told = ", ".join(f"{code} ({grade}) {count}" for (code, grade), count in kinds)
+    return f"{words}: {told}" if told else words
 
 
 def _element(choice: ElementChoice) -> str:

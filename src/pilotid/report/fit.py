@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.lib.recfunctions import unstructured_to_structured
 
 from pilotid.estimate.loops import COUNT
 from pilotid.estimate.method import Fitted
@@ -51,51 +52,38 @@ def html_report(fits: Sequence[Fitted]) -> str:
 
 def words_of(fit: Fitted) -> dict[str, Any]:
     """The sentences of a page on a fit, by the names that templates have for them."""
+    grave = any(remark.grade != "note" for remark in fit.graded)
+    what = "read before you use the numbers" if grave else "for information, no doubts"
     return {
         "heading": fit.heading,
         "summary": summary(fit),
         "warnings": fit.warnings,
-        "warned": _warned(fit),
+        "warned": f"{counted_grades(fit.graded)}: {what}",
         "verdicts": [e.verdict(timed=False) for e in fit.estimates],
     }
 
 
 def tables_of(fit: Fitted) -> dict[str, Any]:
-    """The numbers of a fit and what is said beside them, for pages and the terminal."""
-    known = [(e.method, e.quantities) for e in fit.estimates if np.isfinite(e.values).any()]
+    """The numbers of a fit and its loops, and what is said beside them: pages and terminal."""
+    choice, known = fit.loop_element, [e for e in fit.estimates if np.isfinite(e.values).any()]
+    pairs = zip(fit.estimates, fit.loops, strict=False)  # without an element there are no loops
+    loops = [(e.method, loop) for e, loop in pairs if e in known]
+    tabled = [
+        (method, loop.quantities)
+        for method, loop in loops
+        if any(math.isfinite(q.value) for q in loop.quantities)
+    ]
     return {
         "specifications": [
             (f"{e.method}: {e.specification.sentence}", e.specification.agrees)
             for e in fit.estimates
             if e.specification
         ],
-        "tables": quantity_tables(known),
+        "tables": quantity_tables([(e.method, e.quantities) for e in known]),
         "held": fit.model.held_words,
-        **_loops(fit),
-    }
-
-
-def _warned(fit: Fitted) -> str:
-    """How many remarks of each grade there are, and what they ask."""
-    grave = any(remark.grade != "note" for remark in fit.graded)
-    what = "read before you use the numbers" if grave else "for information, no doubts"
-    return f"{counted_grades(fit.graded)}: {what}"
-
-
-def _loops(fit: Fitted) -> dict[str, Any]:
-    """With what element loops were drawn, or why with none, their quantities, and notes."""
-    choice = fit.loop_element
-    pairs = zip(fit.estimates, fit.loops, strict=False)  # without an element there are no loops
-    known = [(e.method, loops) for e, loops in pairs if np.isfinite(e.values).any()]
-    tabled = [
-        (method, loops.quantities)
-        for method, loops in known
-        if any(math.isfinite(q.value) for q in loops.quantities)
-    ]
-    return {
-        "element": "" if choice is None else choice.words if known else choice.why,
+        "element": "" if choice is None else choice.words if loops else choice.why,
         "loops": quantity_tables(tabled, "loop"),
-        "loop_notes": [f"{method}: {note}" for method, loops in known for note in loops.notes],
+        "loop_notes": [f"{method}: {note}" for method, loop in loops for note in loop.notes],
     }
 
 
@@ -340,7 +328,6 @@ def write_posterior(folder: Path, fit: Fitted, quantities: Sequence[Quantity]) -
     page = render(
         "posterior.html",
         title="Posterior of a pilot model",
-        contents=[],
         fit=words_of(fit),
         quantities=quantity_table(quantities),
         notes=loop_words(fit),
@@ -364,13 +351,9 @@ def write_posterior(folder: Path, fit: Fitted, quantities: Sequence[Quantity]) -
 
 def draws_bytes(draws: Draws) -> bytes:
     """A structured array for `numpy.load`: a field for each parameter, and ``log_density``."""
-    names = (*draws.keys, "log_density")
-    array = np.empty(draws.chains, dtype=[(name, float) for name in names])
-    for i, key in enumerate(draws.keys):
-        array[key] = draws.values[:, i].reshape(draws.chains)
-    array["log_density"] = draws.log_density.reshape(draws.chains)
+    columns = np.column_stack([draws.values, draws.log_density]).reshape(*draws.chains, -1)
     stream = io.BytesIO()
-    np.save(stream, array)
+    np.save(stream, unstructured_to_structured(columns, names=[*draws.keys, "log_density"]))
     return stream.getvalue()
 
 

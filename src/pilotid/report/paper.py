@@ -215,25 +215,29 @@ def _change(
 
 def _figures(study: Comparison, every: DataFrame, trials: DataFrame) -> dict[str, Figure]:
     """The paper's figures by their numbers."""
-    from pandas import DataFrame
+    from pandas import DataFrame, concat
+
+    def of_paper(place: float, values: Sequence[float] | FloatArray) -> DataFrame:
+        head = {"method": "paper", "parameter": KEYS, "place": place, "std_error": 0.0}
+        return DataFrame(head | {"value": values})
 
     power = {n: 100.0 * (study.scenarios[n].remnant or np.nan) for n in REMNANTS}
-    at = power["remnant-0.4"]
-    bias: list[tuple[str, str, float, float, float]] = []
-    variance, forcing = bias.copy(), bias.copy()
-    for place, key in enumerate(KEYS):
-        bias.append(("paper", key, at, BIAS[place], 0.0))
-        variance.append(("paper", key, at, (0.01 * DEVIATION[place] * TRUTH[key]) ** 2, 0.0))
-        for m in METHODS:
-            curves = {name: every.loc[name, m, key] for name in (*REMNANTS, *TABLE_3)}
-            bias += [(m, key, power[n], curves[n].bias_percent, 0.0) for n in REMNANTS]
-            variance += [(m, key, power[n], curves[n]["std"] ** 2, 0.0) for n in REMNANTS]
-            forcing += [(m, key, x, curves[n].truth + curves[n].bias, Z95 * curves[n].bias_se)
-                        for x, n in enumerate(TABLE_3)]  # fmt: skip
-        forcing += [("paper", key, x, TRUTH[key] * (1.0 + off[place] / 100.0), 0.0)
-                    for x, off in enumerate(TABLE_3.values())]  # fmt: skip
-    columns = ["method", "parameter", "place", "value", "std_error"]
-    bias, variance, forcing = (DataFrame(p, columns=columns) for p in (bias, variance, forcing))
+    truth, at = np.array([*TRUTH.values()]), power["remnant-0.4"]
+    scored = every.reset_index()
+    remnants = scored[scored.scenario.isin(REMNANTS)]
+    remnants = remnants.assign(place=remnants.scenario.map(power))
+    bias = remnants.assign(value=remnants.bias_percent)
+    variance = remnants.assign(value=remnants["std"] ** 2)
+    forcing = scored[scored.scenario.isin([*TABLE_3])]
+    forcing = forcing.assign(
+        place=forcing.scenario.map([*TABLE_3].index),
+        value=forcing.truth + forcing.bias,
+        std_error=Z95 * forcing.bias_se,
+    )
+    offs = [0.01 * np.array(percents) for percents in TABLE_3.values()]
+    bias = concat([of_paper(at, BIAS), bias])
+    variance = concat([of_paper(at, (0.01 * truth * DEVIATION) ** 2), variance])
+    forcing = concat([forcing, *(of_paper(x, truth * (1.0 + off)) for x, off in enumerate(offs))])
     remnant = "remnant over control, power [%]"
     drawn = {
         "3": (_points(_numbered(study, "nominal"), "run", truth=TRUTH),

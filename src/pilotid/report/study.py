@@ -26,10 +26,9 @@ from pilotid.report.study_tables import (
     ranking,
     read_trust,
     trust_table,
-    verdict,
 )
 from pilotid.study.scores import ALL, EFFICIENT, loss_text
-from pilotid.study.table import LIMITS, USABLE, Comparison, is_ranked, worst_parameter
+from pilotid.study.table import LIMITS, USABLE, Comparison, is_ranked, judge, worst_parameter
 from pilotid.support.disk import write_file
 from pilotid.support.format import Table, table
 from pilotid.support.naming import as_typed
@@ -122,9 +121,6 @@ def _draw_errors(axes: Axes, scores: DataFrame) -> None:
             right = middle > 0.0
             axes.plot(math.copysign(reach, middle), row, ">" if right else "<", color=colour,
                       markersize=4.5, clip_on=False)  # fmt: skip
-            axes.annotate(f"{middle:.3g}", (math.copysign(reach, middle), row),
-                          (-5 if right else 5, 0), textcoords="offset points", va="center",
-                          ha="right" if right else "left", fontsize=7.0)  # fmt: skip
             continue
         for half, width, alpha in ((claimed[row], 5.0, 0.45), (std[row], 1.0, 1.0)):
             axes.plot([middle - half, middle + half], [row, row], color=colour, linewidth=width,
@@ -252,8 +248,8 @@ def answer(study: Comparison, name: str) -> str:
     if not order:
         return f"On `{name}` no method can be ranked: none gives intervals and seldom fails."
     best, *others = order
-    grade, loss = verdict(study, best).grade, loss_text(*loss_of(best))
-    worst = worst_parameter(study.scored(name, best.method))
+    scored, loss = study.scored(name, best.method), loss_text(*loss_of(best))
+    grade, worst = judge(scored).grade, worst_parameter(scored)
     words = f"On `{name}`, **`{best.method}` is best** of {len(every)}: loss {loss}, {grade}"
     if grade == "poor":
         words = (
@@ -280,25 +276,20 @@ def _scenario(study: Comparison, name: str) -> dict[str, Any]:
     what = f"{entry.description[:1].upper()}{entry.description[1:]}{remnant}"
     one_truth = not (entry.population or entry.one_recording)
     drawn = one_truth and study.of(name).usable.any()
+    caption = (
+        f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
+        f"Cramér-Rao bound. Each panel has its own scale; a triangle marks a method whose "
+        f"mean error lies outside it. Numbers: [summary.csv](summary.csv), all scores: "
+        "[scores.csv](scores.csv), each fit: [estimates.csv](estimates.csv)."
+    )
     return {
         "key": key_of(name),
         "title": f"Scenario {name}",
         "what": f"{what}; model {entry.model}.",
         "folded": name in names and name not in _detailed(names),
         "ranking": ranking(study, name) if name in names and name not in _detailed(names) else None,
-        "figure": _errors_figure(study, name) if drawn else None,
+        "figure": Figure(f"errors-{key_of(name)}", errors(study, name), caption) if drawn else None,
     }
-
-
-def _errors_figure(study: Comparison, name: str) -> Figure:
-    return Figure(
-        f"errors-{key_of(name)}",
-        errors(study, name),
-        f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
-        f"Cramér-Rao bound. Each panel has its own scale; a triangle marks a method whose "
-        f"mean error lies outside it. Numbers: [summary.csv](summary.csv), all scores: "
-        "[scores.csv](scores.csv), each fit: [estimates.csv](estimates.csv).",
-    )
 
 
 # ------------------------------------------------------------------------------ provenance

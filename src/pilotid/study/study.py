@@ -8,7 +8,7 @@ from contextlib import suppress
 from functools import cached_property
 from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from pilotid.support.jobs import TIME_LIMIT, about_this, run_tasks
 from pilotid.support.naming import code_digest, labelled, packed, to_jsonable
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.store import Key
-from pilotid.support.types import InputError, reason
+from pilotid.support.types import InputError, reason, several
 
 
 def method_entry(method: Method, position: int = 0, typed: str = "", label: str = "") -> Entry:
@@ -137,9 +137,9 @@ class Study:
     ) -> None:
         typed = [
             (scenario_named(given), given) if isinstance(given, str) else (given, "")
-            for given in _each(scenarios)
+            for given in several(scenarios)
         ]
-        tried = [labelled_method(given) for given in _each(methods)]
+        tried = [labelled_method(given) for given in several(methods)]
         self.labels = tuple(label for label, *_ in tried)
         _require_different("scenarios", [sound(scenario).name for scenario, _ in typed])
         _require_different("methods", self.labels)
@@ -270,11 +270,6 @@ def labelled_method(given: Method | str) -> tuple[str, Method, str]:
     named = re.fullmatch(r"(\w[\w.+-]{0,60})=(.+)", given, re.ASCII | re.DOTALL)
     method = method_named(named[2] if named else given)
     return named[1] if named else label_of(method), method, given
-
-
-def _each(given: Any) -> list[Any]:
-    """Several, or one that the caller did not put into a list."""
-    return list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
 
 
 def _require_different(what: str, names: Sequence[str]) -> None:

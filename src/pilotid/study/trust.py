@@ -30,9 +30,8 @@ from pilotid.support.disk import make_folder, strict_json, write_file
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.types import FloatArray, InputError
 
-DEFAULT_METHOD = (
-    "mle"  # fits the recording where nothing else is named, and makes the simulated pilot
-)
+#: Fits the recording where nothing else is named, and makes the simulated pilot.
+DEFAULT_METHOD = "mle"
 COVERED = 0.95
 TRUST = "trust.json"
 #: What no simulation of a fit can tell.
@@ -109,8 +108,6 @@ class Trust:
         known = {}
         model = self.estimate.model
         for q, *limits in zip(self.estimate.parameters, model.lower, model.upper, strict=True):
-            if q.key not in scores.index:
-                continue
             row = scores.loc[q.key]
             good = fits[fits.usable & (fits.parameter == q.key)]
             value, lower, upper = (good[name].to_numpy() for name in ("value", "low", "high"))
