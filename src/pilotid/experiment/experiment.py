@@ -30,7 +30,7 @@ TABLES = ("estimates", "models", "loops", "contrasts", "factors", "left_out")
 TEX, PAGE = "tables.tex", "report.html"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Experiment(Results):
     """An analysis of recordings of subjects under conditions: all frames that follow from it.
 

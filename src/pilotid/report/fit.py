@@ -44,23 +44,16 @@ def html_report(fits: Sequence[Fitted]) -> str:
     shown = []
     for number, fit in enumerate(fits, start=1):
         figures = [replace(figure, name=f"{figure.name}-{number}") for figure in figures_of(fit)]
-        content = {**words_of(fit), **tables_of(fit)}
-        shown.append({"key": f"recording-{number}", **content, "figures": figures})
-    contents = [(part["key"], part["heading"]) for part in shown]
-    return render("fit.html", title="Identified pilot models", contents=contents, fits=shown)
+        shown.append((f"recording-{number}", fit, tables_of(fit), figures))
+    title = "Identified pilot models"
+    return render("fit.html", title=title, fits=shown, summary=summary, remarked=remarked)
 
 
-def words_of(fit: Fitted) -> dict[str, Any]:
-    """The sentences of a page on a fit, by the names that templates have for them."""
+def remarked(fit: Fitted) -> str:
+    """How many remarks of each grade there are, and what they ask."""
     grave = any(remark.grade != "note" for remark in fit.graded)
     what = "read before you use the numbers" if grave else "for information, no doubts"
-    return {
-        "heading": fit.heading,
-        "summary": summary(fit),
-        "warnings": fit.warnings,
-        "warned": f"{counted_grades(fit.graded)}: {what}",
-        "verdicts": [e.verdict(timed=False) for e in fit.estimates],
-    }
+    return f"{counted_grades(fit.graded)}: {what}"
 
 
 def tables_of(fit: Fitted) -> dict[str, Any]:
@@ -255,16 +248,12 @@ def quantities_of(fit: Fitted) -> list[Quantity]:
     if draws is None:
         return []
     units = {p.key: p.unit for p in model.parameters} | {"frequency": "rad/s"}
+    facts = draws.effective.tolist(), draws.r_hat.tolist(), draws.positive.tolist()
     parameters = [
-        sampled(
-            key,
-            units.get(key, ""),
-            draws.values[:, i],
-            effective=float(draws.effective[i]),
-            r_hat=float(draws.r_hat[i]),
-            positive=bool(draws.positive[i]),
+        sampled(key, units.get(key, ""), own, effective=effective, r_hat=r_hat, positive=positive)
+        for key, own, effective, r_hat, positive in zip(
+            draws.keys, draws.values.T, *facts, strict=True
         )
-        for i, key in enumerate(draws.keys)
     ]
     prediction = predict(recording, model, VAF_BAND)
     some = draws.thinned(COUNT)[:, : len(model.parameters)]
@@ -328,7 +317,9 @@ def write_posterior(folder: Path, fit: Fitted, quantities: Sequence[Quantity]) -
     page = render(
         "posterior.html",
         title="Posterior of a pilot model",
-        fit=words_of(fit),
+        fit=fit,
+        summary=summary(fit),
+        remarked=remarked(fit),
         quantities=quantity_table(quantities),
         notes=loop_words(fit),
         convergence=convergence_words(draws),

@@ -146,7 +146,6 @@ def reach_of(extents: FloatArray, bound: float) -> float:
 
 REFERENCE = "nominal"
 DETAILED = 3  # scenarios of which all is said at once; of more, of the first alone
-LISTED = 9  # scenarios from which on the contents leave them out
 
 
 def write_report(folder: Path, study: Comparison) -> Path:
@@ -181,15 +180,8 @@ def content_of(study: Comparison) -> dict[str, Any]:
     """What the page shows: sentences, tables and figures, by the names that its template has."""
     trust, scenarios = read_trust(study.folder), [_scenario(study, n) for n in study.scenarios]
     words, losses, rankings = overview(study)
-    contents = [
-        *[("trust", "What the fit is worth")] * bool(trust),
-        ("summary", "Which method to use"),
-        *([(part["key"], part["title"]) for part in scenarios] if len(scenarios) < LISTED else []),
-        ("provenance", "Provenance"),
-    ]
     return {
         "title": "Pilot-model identification: methods compared",
-        "contents": contents,
         "trust": trust and (advice(trust), trust_table(trust), trust["unknown"]),
         "words": words,
         "losses": losses,

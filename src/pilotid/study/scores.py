@@ -489,14 +489,12 @@ def skewed_t(error: float, deviation: float, skew: float, count: int) -> float:
     error
         Mean less the value that is tested.
     deviation, skew, count
-        Standard deviation, skewness and number of the values.
+        Standard deviation, which is positive, skewness and number of the values.
 
     References
     ----------
     P. Hall, *On the removal of skewness by transformation*, J. R. Statist. Soc. B 54(1) 1992.
     """
-    if not deviation > 0.0:
-        return math.copysign(math.inf, error) if error else 0.0
     share = error / deviation
     corrected = share + skew * share**2 / 3.0 + skew**2 * share**3 / 27.0 + skew / (6.0 * count)
     return math.sqrt(count) * corrected
@@ -588,10 +586,8 @@ def coverage_interval(share: float, count: int) -> tuple[float, float]:
     share
         Share of the intervals that held the truth.
     count
-        Number of intervals.
+        Number of intervals, at least one.
     """
-    if count == 0:
-        return math.nan, math.nan
     z = Z95
     centre = (share + z**2 / (2 * count)) / (1.0 + z**2 / count)
     reach = z * math.sqrt(share * (1.0 - share) / count + z**2 / (4 * count**2))
