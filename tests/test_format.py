@@ -36,7 +36,7 @@ def example(name: str = "x") -> Table:
     row = (name, (-1.2, 0.1), None, (0.95, (0.9, 0.98)))
     titles = ("name", "bias", "nothing", "coverage %")
     forms = {"bias": plus_minus, "coverage %": share}
-    return table([row], "A **caption**", titles, forms, hints={"bias": "a hint"})
+    return table([row], "A **caption**", titles, forms)
 
 
 def test_columns_that_say_nothing_are_left_out() -> None:

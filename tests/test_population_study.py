@@ -170,6 +170,8 @@ def test_strata_and_parameters_stand_in_the_table(finished: Path) -> None:
         parts = [r for r in own if r["stratum"] == stratum]
         assert sum(int(r["recordings"]) for r in parts) == COUNT, stratum
         assert sum(int(r["n"]) for r in parts) == int(own[0]["n"])
+    levels = dict.fromkeys(float(r["value"].split()[0]) for r in own if r["stratum"] == "level")
+    assert list(levels) == sorted(levels)
     (single,) = (r for r in own if r["value"] == "single")
     assert single["wrong_optima"] == single["recordings"]
     assert all(r["wrong_optima"] == "" for r in table if r["method"] == "mle-white")
@@ -238,13 +240,12 @@ def test_strata_hold_every_recording_once() -> None:
         "dt": [0.02 if r < 4 else 0.005 for r in range(9)],
     }).assign(element="K", remnant=None, forcing=None, runs=1.0, run_in=0.0)  # fmt: skip
     strata = strata_of(frame)
-    for name, stratum in strata.items():
-        members = [r for own in stratum.values() for r in own]
-        assert sorted(members) == list(range(9)), name
-    assert strata["model"] == {"multi": frozenset({0, 3, 6}), "rate": frozenset({1, 2, 4, 5, 7, 8})}
-    assert list(strata["rate"]) == ["50 Hz", "200 Hz"]
-    assert strata["rate"]["50 Hz"] == frozenset(range(4))
-    assert list(strata["length"]) == ["30 to 30 s"]
-    assert [len(own) for own in strata["level"].values()] == [3, 3, 3]
-    assert next(iter(strata["level"])) == "5 to 13 %"
-    assert strata_of(frame[:0])["level"] == {}
+    for name, labels in strata.items():
+        assert list(labels.index) == list(range(9)), name
+        assert labels.notna().all(), name
+    assert list(strata["model"]) == ["multi", "rate", "rate"] * 3
+    assert list(strata["rate"]) == ["50 Hz"] * 4 + ["200 Hz"] * 5
+    assert set(strata["length"]) == {"30 to 30 s"}
+    assert list(strata["level"].value_counts()) == [3, 3, 3]
+    assert strata["level"][0] == "5 to 13 %"
+    assert not len(strata_of(frame[:0])["level"])

@@ -31,8 +31,6 @@ def test_t_is_student_s_without_skewness_and_hall_s_with_it() -> None:
     assert scores.skewed_t(1.0, 1.0, 0.0, 3) == pytest.approx(math.sqrt(3.0))
     # share 1/2, skew 1.2: 2 (.5 + 1.2/12 + 1.44/216 + 1.2/24)
     assert scores.skewed_t(1.0, 2.0, 1.2, 4) == pytest.approx(2.0 * (0.65 + 1.44 / 216.0))
-    assert scores.skewed_t(-1.0, 0.0, 0.0, 3) == -math.inf
-    assert scores.skewed_t(0.0, 0.0, 0.0, 3) == 0.0
 
 
 def test_rmse_holds_bias_and_scatter() -> None:
@@ -67,7 +65,6 @@ def test_coverage_interval_is_wilson_s() -> None:
     low, high = scores.coverage_interval(0.95, 20)
     assert (low, high) == (pytest.approx(0.7639, abs=1e-4), pytest.approx(0.9911, abs=1e-4))
     assert scores.coverage_interval(1.0, 20)[0] == pytest.approx(1.0 - 3.8415 / 23.8415, abs=1e-4)
-    assert all(math.isnan(x) for x in scores.coverage_interval(math.nan, 0))
 
 
 def test_a_mean_s_error_is_that_of_recordings() -> None:

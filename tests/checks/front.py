@@ -19,7 +19,7 @@ import pandas as pd
 import pilotid
 from pilotid.cli.main import CORE
 from pilotid.plots.page import svg
-from pilotid.plots.style import colour_of, journal_style, marker_of
+from pilotid.plots.style import JOURNAL, style_of
 
 ROOT = Path(__file__).parents[2]
 SCENARIO = pilotid.SCENARIOS["nominal"]
@@ -64,10 +64,10 @@ def comparison(rows: pd.DataFrame) -> str:
             bias, scatter, claimed = (
                 row[name] / row["crlb"] for name in ("bias", "std", "mean_std_error")
             )
-            colour = colour_of(method)
+            colour, marker, _ = style_of(method)
             axes.bar(place, 2.0 * claimed, 0.5, bias - claimed, color=colour, alpha=0.3)
             axes.errorbar(
-                place, bias, scatter, fmt=marker_of(method), color=colour, markersize=4.0,
+                place, bias, scatter, fmt=marker, color=colour, markersize=4.0,
                 capsize=2.0, label=method,
             )  # fmt: skip
         axes.set_title(key)
@@ -114,7 +114,7 @@ def main() -> None:
     for name in ("README.md", "paper/paper.md"):
         enter(name, table)
     print(table)
-    with journal_style():
+    with mpl.rc_context(JOURNAL):
         for name, text in (("comparison", comparison(rows)), ("fit", fit())):
             file = ROOT / "docs" / f"{name}.svg"
             # Letters are black, also where a page is dark.

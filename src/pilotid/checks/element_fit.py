@@ -45,15 +45,12 @@ class ElementChoice:
         Why none is known, or what speaks against it, in a sentence; empty if nothing does.
     remarks
         Where what is said of it and what signals show disagree, a sentence each.
-    response_error
-        Largest relative standard error of its frequency response from 0.5 to 6 rad/s.
     """
 
     element: ControlledElement | None = None
     origin: str = ""
     why: str = ""
     remarks: tuple[Remark, ...] = ()
-    response_error: float = 0.0
 
     def named_in(self, recording: Recording) -> Recording:
         """The recording, naming the element that was given, for methods that need the loop."""
@@ -86,7 +83,7 @@ def identified_element(recording: Recording) -> ElementChoice:
     error = float(chosen.form.response_error(chosen.values, chosen.covariance, OMEGA).max())
     element = element_named(chosen.form.name(rounded(chosen.values, chosen.covariance)))
     why = _against(element, chosen.explained, error)
-    return ElementChoice(element, SIGNALS, why, response_error=error)
+    return ElementChoice(element, SIGNALS, why)
 
 
 def _is_steerable(fit: FormFit) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -197,9 +196,7 @@ def trust(
         recording = replace(recording, controlled_element=element_named(element).name)
     chosen = select(recording, seed=seed).model if model == AUTO else model_named(model)
     tried = options.names_of(method, [], list(METHODS))
-
-    bar = partial(with_bar, what="fits")
-    trusted = try_fit(recording, chosen, tried, out, replications, seed, workers, bar)
+    trusted = try_fit(recording, chosen, tried, out, replications, seed, workers)
     page = write_report(out, trusted.comparison)
     content = trusted.to_dict()
     words, losses, rankings = overview(trusted.comparison)
@@ -252,6 +249,7 @@ def analyse(
 ) -> None:
     """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
     from pilotid.experiment.experiment import analyse as analysed
+    from pilotid.experiment.report import blocks
 
     models = options.names_of(model, [AUTO], [AUTO])
     methods = list(options.methods_of(method, ["mle"]).values())
@@ -259,7 +257,7 @@ def analyse(
         files, models=models, methods=methods, out=out, reading=reading, **vars(how)
     )
     path = experiment.write(shlex.join(options.TYPED))
-    show(make_console(), *experiment.blocks(path))
+    show(make_console(), *blocks(experiment), f"report: {path}")
     options.raise_refused(experiment.refused)
 
 

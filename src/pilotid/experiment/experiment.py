@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pandas import DataFrame
 
@@ -22,16 +21,16 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.files import Reading, read_with
 from pilotid.recording.windows import span_of
 from pilotid.support.disk import frame_bytes, require_folder, write_file
-from pilotid.support.format import Table, as_text
+from pilotid.support.format import as_text
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.remarks import codes_in
-from pilotid.support.types import InputError
+from pilotid.support.types import InputError, several
 
 TABLES = ("estimates", "models", "loops", "contrasts", "factors", "left_out")
 TEX, PAGE = "tables.tex", "report.html"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Experiment(Results):
     """An analysis of recordings of subjects under conditions: all frames that follow from it.
 
@@ -85,12 +84,8 @@ class Experiment(Results):
         write_report(self.folder / PAGE, self, command)
         return self.folder / PAGE
 
-    def blocks(self, page: Path | None = None) -> list[str | Table]:
-        """What the terminal shows, with the place of the page where there is one."""
-        return [*blocks(self), *([f"report: {page}"] if page else [])]
-
     def __repr__(self) -> str:
-        return as_text(*self.blocks())
+        return as_text(*blocks(self))
 
 
 def analyse(
@@ -168,7 +163,7 @@ def analyse(
     InputError
         If no file can be used, or an option does not fit them.
     """
-    models, methods = _several(models), _several(methods)
+    models, methods = several(models), several(methods)
     named = [model_named(m) if isinstance(m, str) else m for m in models if m != AUTO]
     if named and AUTO in models:
         raise InputError("--model: is auto, or models by name, not both")
@@ -176,10 +171,10 @@ def analyse(
     known = [method_named(m) if isinstance(m, str) else m for m in methods]
     if reading.span:
         span_of(reading.span)
-    parts, refused = parts_of([Path(file) for file in _several(files)], pattern or None)
+    parts, refused = parts_of([Path(file) for file in several(files)], pattern or None)
     if not parts:
         raise InputError("; ".join(refused))
-    parts, excluded = excluded_of(parts, _several(exclude))
+    parts, excluded = excluded_of(parts, several(exclude))
     parts, levels = with_factors(parts, factors)
     settings = Settings(
         fitting=Fitting(
@@ -193,19 +188,14 @@ def analyse(
         ),
         models={m.name: m for m in with_held(named or MODELS.values(), fix)},
         named=[model.name for model in named],
-        pairs=pairs_of(_several(contrasts), {part.condition for part in parts}),
+        pairs=pairs_of(several(contrasts), {part.condition for part in parts}),
         factors=levels,
         keep_all=keep_all,
         excluded=excluded,
-        ignored=codes_in(_several(ignore)),
+        ignored=codes_in(several(ignore)),
     )
     read = [file for part in parts for file in part.files]
     names = (*(f"{name}.csv" for name in TABLES), TEX, PAGE)
     require_folder(folder, names, read_with(read), force=force)
     results = compared(fit_recordings(parts, settings, folder, workers, refused))
     return Experiment(**vars(results), folder=folder)
-
-
-def _several(given: Any) -> list[Any]:
-    """A list, also of one text alone."""
-    return [given] if isinstance(given, str) else [*given]

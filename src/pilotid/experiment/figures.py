@@ -15,7 +15,7 @@ from pilotid.experiment.files import in_order
 from pilotid.experiment.results import Results
 from pilotid.plots.page import Figure
 from pilotid.plots.responses import Bode
-from pilotid.plots.style import INK, draw_grid, journal_figure, with_unit
+from pilotid.plots.style import INK, Style, draw_grid, journal_figure, with_unit
 from pilotid.support.numbers import Z95
 
 if TYPE_CHECKING:
@@ -73,9 +73,9 @@ def estimates_figure(rows: DataFrame) -> Drawing:
     return figure
 
 
-def _look(place: int) -> tuple[str, str]:
+def _look(place: int) -> Style:
     """Colour and marker of a subject or condition; no two of 42 look alike."""
-    return COLOURS[place % 7], MARKERS[place // 7 % len(MARKERS)]
+    return Style(COLOURS[place % 7], MARKERS[place // 7 % len(MARKERS)])
 
 
 def _legend(figure: Drawing, handles: Iterable[Any], labels: Iterable[str]) -> None:
@@ -86,12 +86,11 @@ def _panel(axes: Axes, rows: DataFrame, subjects: Sequence[str]) -> None:
     for who, subject in enumerate(subjects):
         one = rows[rows["subject"] == subject]
         reach = one[["lower_95", "upper_95"]].sub(one["value"], axis=0).abs().fillna(0.0)
-        colour, marker = _look(who)
-        look: dict[str, Any]
-        look = {"fmt": f"-{marker}", "color": colour, "linewidth": 0.5, "markersize": 3.0}
-        look |= {"elinewidth": 0.9, "label": f"subject {subject}"}
+        colour, marker, _ = _look(who)
         x = one["at"] + 0.48 * ((who + 0.5) / len(subjects) - 0.5)
-        axes.errorbar(x.to_numpy(), one["value"].to_numpy(), reach.to_numpy().T, **look)
+        axes.errorbar(x.to_numpy(), one["value"].to_numpy(), reach.to_numpy().T, color=colour,
+                      fmt=f"-{marker}", linewidth=0.5, markersize=3.0, elinewidth=0.9,
+                      label=f"subject {subject}")  # fmt: skip
     means = rows.groupby("at")["value"].mean()
     ends = means.index - 0.36, means.index + 0.36
     axes.hlines(means, *ends, color=INK, linewidth=1.2, label="mean over subjects")
@@ -161,7 +160,7 @@ def responses_figure(responses: DataFrame) -> Drawing:
                 omega = np.array([*by_line.groups]) * (1.0 + 0.02 * (place - len(conditions) / 2))
                 covariance = np.diag(np.tile(np.square(error) / Z95**2, 2))
                 response = FrequencyResponse(omega, np.array([mean]), covariance)
-                bode.points(response, 0, *_look(place), condition)
+                bode.points(response, 0, _look(place), condition)
             bode.frame()
             axes[0].set_title(f"{channel} channel, magnitude", loc="left")
         _legend(figure, *panels[0, 0].get_legend_handles_labels())

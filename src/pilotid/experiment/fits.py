@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from pandas import DataFrame, concat
+from pandas import DataFrame
 from scipy.special import stdtrit
 
 from pilotid.checks.checks import remarks
@@ -27,7 +27,7 @@ from pilotid.estimate.estimate import Estimate, is_at_bound
 from pilotid.estimate.loops import Loops
 from pilotid.estimate.method import Method, fit_all, identify
 from pilotid.estimate.quantities import frame_of
-from pilotid.experiment.files import Part
+from pilotid.experiment.files import Part, in_order
 from pilotid.experiment.results import Content, Fitting, Results, Settings, choices_of, results_of
 from pilotid.likelihood.choice import compare_models, default_candidates
 from pilotid.likelihood.remnant_models import LowPass
@@ -257,12 +257,12 @@ def variants(how: Fitting, seconds: float) -> Iterator[tuple[str, Reading, dict[
 
 def _rows(estimate: Estimate, loops: Loops | None) -> list[Content]:
     """A row for each quantity of a fit."""
-    model, frames = estimate.model, [frame_of(estimate.quantities).assign(kind="parameter")]
+    model, parameters = estimate.model, estimate.quantities
     # Of a pilot who changes there is no loop, and nothing to show.
-    for loop in loops.shown if loops and not model.no_loop else ():
-        of_loop = frame_of((loop.crossover, loop.phase_margin, loop.effective_delay))
-        frames.append(of_loop.assign(kind="loop"))
-    rows = concat(frames)
+    shown = loops.shown if loops and not model.no_loop else ()
+    of_loop = [q for lp in shown for q in (lp.crossover, lp.phase_margin, lp.effective_delay)]
+    rows = frame_of([*parameters, *of_loop])
+    rows["kind"] = ["parameter"] * len(parameters) + ["loop"] * len(of_loop)
     rows["left_out"] = rows["determined"].map({True: "", False: "not determined"})
     ends = np.array(model.keys)[is_at_bound(model, estimate.values)]
     rows.loc[rows["parameter"].isin(ends), "left_out"] = "at its bound"
@@ -398,15 +398,14 @@ def _contents(
 ) -> Iterator[tuple[Part, Content]]:
     """The recording and content of each task, in their order; `refused` gets why there is none."""
     todo = [task for task in tasks if store.get(dict, (task.key, "", 0)) is None]
-    lost = dict[str, str]()
+    lost = list[str]()
     answers = run_tasks(perform, todo, given_up, workers, seconds=TIME_LIMIT)
     for task, content, why in with_bar(answers, what, len(todo)):
         if content is None:
-            lost[task.key] = why
+            lost.append(why)
         else:
             store.put((task.key, "", 0), content, again=True)
+    refused += in_order(lost)
     for task in tasks:
-        if task.key in lost:
-            refused.append(lost[task.key])
-        else:
-            yield task.part, store.get(dict, (task.key, "", 0))
+        if content := store.get(dict, (task.key, "", 0)):
+            yield task.part, content

@@ -320,7 +320,6 @@ def write_report(path: Path, results: Results, command: str) -> None:
         path,
         "experiment.html",
         title="Pilot models of recorded subjects",
-        contents=[("summary", "Summary"), ("results", "Results"), ("supplement", "Supplement")],
         results=results,
         summary=[*summary(results)],
         main=filled(*main),

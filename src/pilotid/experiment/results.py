@@ -140,10 +140,10 @@ class Results:
         Rows of models.csv and of left_out.csv.
     responses
         Coefficients at the forcing lines of the recordings that count.
-    contrasts, factors
-        Differences between conditions and effects of factors, see `comparisons`; empty at first.
     refused
         A sentence for each file or fit that there is not.
+    contrasts, factors
+        Differences between conditions and effects of factors, see `comparisons`; empty at first.
     """
 
     settings: Settings
@@ -154,9 +154,9 @@ class Results:
     models: DataFrame
     left_out: DataFrame
     responses: DataFrame
-    contrasts: DataFrame
-    factors: DataFrame
     refused: Sequence[str]
+    contrasts: DataFrame = field(default_factory=DataFrame)
+    factors: DataFrame = field(default_factory=DataFrame)
 
     @property
     def fields(self) -> list[str]:
@@ -252,8 +252,6 @@ def results_of(
         models=_models_frame(DataFrame(models)),
         left_out=DataFrame(predicted),
         responses=DataFrame([row for rows in responses.values() for row in rows], columns=columns),
-        contrasts=DataFrame(),
-        factors=DataFrame(),
         refused=refused,
     )
 

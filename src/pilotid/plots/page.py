@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Literal
 from xml.etree import ElementTree
 
 from pilotid.estimate.quantities import symbol
-from pilotid.support.disk import write_file
-from pilotid.support.format import Table, clean, for_markdown, inline, markdown, math_html
-from pilotid.support.types import InputError
+from pilotid.support.disk import make_folder, write_file
+from pilotid.support.format import clean, for_markdown, inline, markdown, math_html
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -31,6 +30,8 @@ FIGURES = "figures"
 LONGEST_LABEL = 200  # characters of a text in a figure
 #: Text of figures stays text; a reader's machine sets it in the first of these that it has.
 FONTS = ("DejaVu Sans", "Verdana", "sans-serif")
+#: Key and title of a section of a page that is not folded.
+SECTION = re.compile(r'<section id="([^"]*)">\s*<h2>(.*?)</h2>')
 POINTS = 72.0  # an inch, in which matplotlib writes SVG
 SVG, LINKS = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 
@@ -84,25 +85,19 @@ def environment() -> Environment:
         shown = symbol(key)
         return math_html(shown) if shown != key else Markup("")
 
-    templates.filters |= {"inline": inline, "symbol": symbol_of, "markdown": _markdown}
-    # In Markdown, behind four spaces.
-    templates.filters["verbatim"] = lambda text: Markup(clean(text))
+    templates.filters |= {
+        "inline": inline,
+        "symbol": symbol_of,
+        "sections": lambda page: [(key, Markup(name)) for key, name in SECTION.findall(page)],
+        "markdown": lambda text: Markup(for_markdown(text)),
+        "verbatim": lambda text: Markup(clean(text)),  # behind four spaces
+    }
+    templates.filters["markdown_table"] = lambda table: Markup(markdown(table))
     # The one script that a page may run is known by its digest.
     script = files("pilotid").joinpath("templates", "page.js").read_text("utf-8")
     digest = b64encode(sha256(script.encode()).digest()).decode()
     templates.globals |= {"script": Markup(script), "digest": Markup(digest)}
     return templates
-
-
-def _markdown(block: str | Sequence[str] | Table) -> Markup:
-    """A sentence, a list of them or a table as Markdown."""
-    from markupsafe import Markup
-
-    if isinstance(block, str):
-        return Markup(for_markdown(block))
-    if isinstance(block, Table):
-        return Markup(markdown(block))
-    return Markup("\n".join(f"- {for_markdown(sentence)}" for sentence in block))
 
 
 def render(template: str, **context: object) -> str:
@@ -132,7 +127,7 @@ def write_page(path: Path, template: str, **context: object) -> None:
 def save_figures(
     folder: Path, figures: Sequence[Figure], kinds: Kinds = ("svg", "pdf")
 ) -> list[Path]:
-    """Write each figure as SVG and as PDF; equal figures give equal bytes.
+    """Write each figure as SVG and PDF; equal figures give equal bytes.
 
     Parameters
     ----------
@@ -141,26 +136,22 @@ def save_figures(
     figures
         The figures.
     kinds
-        Which files to write; most of the time goes into the fonts of PDF.
+        Which files to write, SVG first; most of the time goes into the fonts of PDF.
 
     Returns
     -------
     The files.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror}); free the name") from error
+    make_folder(folder)
     written: list[Path] = []
     for figure in figures:
-        paths = {kind: folder / f"{figure.file}.{kind}" for kind in kinds}
+        paths = [folder / f"{figure.file}.{kind}" for kind in kinds]
+        content = figure.svg.encode()
         # Of a figure whose SVG is there already, byte by byte, the PDF is as well.
-        content = figure.svg.encode() if "svg" in kinds else b""
-        same = "svg" in kinds and all(path.is_file() for path in paths.values())
-        if not (same and paths["svg"].read_bytes() == content):
-            for kind, path in paths.items():
-                write_file(path, pdf(figure.drawing) if kind == "pdf" else content)
-        written += paths.values()
+        if not all(path.is_file() for path in paths) or paths[0].read_bytes() != content:
+            for path in paths:
+                write_file(path, pdf(figure.drawing) if path.suffix == ".pdf" else content)
+        written += paths
     return written
 
 

@@ -1,6 +1,6 @@
 """Plots of recordings and estimates that take and return matplotlib axes.
 
-For notebooks and for pages alike; below are the figures of pages, put together from them::
+For notebooks and for pages alike::
 
     plot.signals(recording, mle, fourier)
     plot.describing_function(mle, fourier)
@@ -10,29 +10,26 @@ Functions of several estimates draw what there is of those that failed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pilotid.estimate.estimate import Estimate
-from pilotid.estimate.quantities import TAILS, Draws, FrequencyResponse
+from pilotid.estimate.quantities import TAILS, Draws
 from pilotid.likelihood.estimates import correlations, prediction_errors
-from pilotid.model.element import ControlledElement
-from pilotid.plots.responses import NO_UNITS, describing_function, open_loop
+from pilotid.plots.responses import describing_function, open_loop
 from pilotid.plots.style import (
     INK,
     WIDTH,
-    colour_of,
     draw_grid,
     journal_figure,
-    journal_style,
     leading,
     legend,
     log_ticks,
     named,
     new_axes,
     square_unit,
+    style_of,
     with_unit,
 )
 from pilotid.recording.recording import Recording
@@ -94,11 +91,11 @@ def signals(
         frame = frame[frame.time.between(begin, end)]
         response = frame.simulated
         if band:
-            axes.fill_between(frame.time, response - reach, response + reach, color=shown.colour,
-                              alpha=0.2, linewidth=0.0)  # fmt: skip
+            axes.fill_between(frame.time, response - reach, response + reach, alpha=0.2,
+                              color=shown.style.colour, linewidth=0.0)  # fmt: skip
             band = False
-        axes.plot(frame.time, response, color=shown.colour, linestyle=shown.dash, linewidth=1.4,
-                  label=shown.label)  # fmt: skip
+        axes.plot(frame.time, response, color=shown.style.colour, linestyle=shown.style.dash,
+                  linewidth=1.4, label=shown.label)  # fmt: skip
     label = with_unit("control u", recording.units.get("u", ""))
     axes.set(ylabel=label, xlabel="time [s]", xlim=(begin, end))
     # Above the axes, since signals are everywhere inside them.
@@ -128,19 +125,19 @@ def remnant(
         Where to draw; None makes a new figure by pyplot.
     """
     axes, chosen = axes if axes is not None else new_axes(), leading(estimates)
-    for styled in named(estimates):
-        model, highest = styled.estimate.remnant, BAND
+    for estimate, label, style in named(estimates):
+        model, highest = estimate.remnant, BAND
         if model is not None:
             highest = INSIDE * float(model.omega[-1])
             shown = model.omega <= highest
-            axes.plot(model.omega[shown], model.density[shown], color=styled.colour,
-                      linestyle=styled.dash, linewidth=1.4, label=styled.label)  # fmt: skip
-        if recording is not None and styled.estimate is chosen:
-            omega, density = _spectrum(recording, styled.estimate)
+            axes.plot(model.omega[shown], model.density[shown], color=style.colour,
+                      linestyle=style.dash, linewidth=1.4, label=label)  # fmt: skip
+        if recording is not None and estimate is chosen:
+            omega, density = _spectrum(recording, estimate)
             shown = omega <= highest
-            axes.plot(omega[shown], density[shown], styled.marker, color=styled.colour,
+            axes.plot(omega[shown], density[shown], style.marker, color=style.colour,
                       markersize=3.5, markerfacecolor="white",
-                      label=f"{styled.label}: residual")  # fmt: skip
+                      label=f"{label}: residual")  # fmt: skip
     axes.set(xscale="log", yscale="log")
     draw_grid(axes)
     axes.minorticks_off()
@@ -198,7 +195,9 @@ def correlation(
     """
     axes = axes if axes is not None else new_axes()
     begin, reach = (-0.5 * LAGS if signal else 0.0), 0.0
-    for shown in filter(lambda shown: shown.known, named(estimates)):
+    for shown in named(estimates):
+        if not shown.known:
+            continue
         errors = prediction_errors(recording, shown.estimate)
         against = errors.inputs.get(signal) if signal else errors.errors
         if against is None:
@@ -210,7 +209,8 @@ def correlation(
         lags = range(-longest // 2, 1 + longest) if signal else range(1, 1 + longest)
         drawn = correlations(errors.errors, against, lags)
         times, limit = errors.dt * np.array(lags), Z95 / float(np.sqrt(errors.errors.size))
-        axes.plot(times, drawn, color=shown.colour, linestyle=shown.dash, label=shown.label)
+        style = shown.style
+        axes.plot(times, drawn, color=style.colour, linestyle=style.dash, label=shown.label)
         for side in (-limit, limit):
             axes.axhline(side, color=INK, linewidth=0.7, linestyle=(0, (4.0, 2.0)))
         reach = max(reach, 1.25 * limit, 1.25 * float(np.max(np.abs(drawn))))
@@ -224,77 +224,9 @@ def correlation(
     return axes
 
 
-# figures of pages
-
-SECONDS = 30.0  # of the control that are shown: beyond, strokes run into one another
-
-
-def time_figure(recording: Recording, estimate: Estimate) -> Figure:
-    """The control of the first run, and what a model makes of it."""
-    span = (0.0, min(SECONDS, float(recording.time[-1])))
-    with journal_figure(2.5) as figure:
-        signals(recording, estimate, span=span, band=True, axes=figure.subplots())
-    return figure
-
-
-def response_figure(
-    estimates: Sequence[Estimate],
-    truth: FloatArray | None = None,
-    *,
-    points: FrequencyResponse | None = None,
-    units: Mapping[str, str] = NO_UNITS,
-) -> Figure:
-    """Describing functions of every channel side by side; see `describing_function`."""
-    channels = estimates[0].model.channels
-    with journal_figure(4.2) as figure:
-        panels = figure.subplots(2, len(channels), sharex=True, squeeze=False, height_ratios=(3, 2))
-        describing_function(
-            *estimates, truth=truth, points=points, units=units, axes=[*panels.T.ravel()]
-        )
-        figure.align_ylabels()
-        _legend_above(figure, 5)
-    return figure
-
-
-def open_loop_figure(estimate: Estimate, element: ControlledElement) -> Figure:
-    """Target and disturbance open loops."""
-    with journal_figure(4.2) as figure:
-        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(4, 5))
-        open_loop(estimate, element, (above, below))
-        figure.align_ylabels()
-        _legend_above(figure, 1)
-    return figure
-
-
-def remnant_figure(recording: Recording, estimates: Sequence[Estimate]) -> Figure:
-    """The remnant's spectrum as models have it, and that of a residual."""
-    with journal_figure(2.9) as figure:
-        remnant(*estimates, recording=recording, axes=figure.subplots())
-    return figure
-
-
-def whiteness_figure(recording: Recording, estimate: Estimate) -> Figure:
-    """Tests of the prediction errors of one estimate."""
-    signals = (None, *dict.fromkeys(channel.on for channel in estimate.model.channels))
-    with journal_figure(2.4) as figure:
-        for name, axes in zip(signals, figure.subplots(1, len(signals)), strict=True):
-            correlation(recording, estimate, signal=name, axes=axes)
-    return figure
-
-
-def _legend_above(figure: Figure, columns: int) -> None:
-    """One legend for all axes, where it hides none of them."""
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    for axes in figure.axes:
-        if (legend := axes.get_legend()) is not None:
-            legend.remove()
-    if labels:
-        figure.legend(handles, labels, loc="outside upper left", ncols=columns, frameon=False)
-
-
 # figures of a posterior
 
-COLOUR = colour_of("bayes")
+COLOUR = style_of("bayes").colour
 GREY = "#999999"
 SHOWN = 20_000  # draws in a corner plot
 CONTOURS = (0.95, 0.5)  # shares of the draws that contours enclose
@@ -306,16 +238,14 @@ def corner(draws: Draws, units: dict[str, str]) -> Figure:
     Contours enclose 50 and 95 % of the draws; dashed lines mark the mean and the
     equal-tailed 95 % interval.
     """
-    from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
     count = len(draws.keys)
     values = draws.thinned(min(SHOWN, len(draws.values)))
     low, high = np.quantile(values, (0.002, 0.998), axis=0)
     limits = np.stack([low - 0.08 * (high - low), high + 0.08 * (high - low)], axis=1)
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, WIDTH))
-        # Not matplotlib's own layout, which takes seconds for so many panels.
+    # Not matplotlib's own layout, which takes seconds for so many panels.
+    with journal_figure(WIDTH, layout=None) as figure:
         grid = figure.add_gridspec(
             count, count, left=0.1, bottom=0.11, right=0.985, top=0.995, wspace=0.07, hspace=0.07
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +15,8 @@ from pilotid.model.model import PilotModel
 from pilotid.plots.style import (
     INK,
     Dash,
+    Named,
+    Style,
     draw_grid,
     leading,
     legend,
@@ -37,11 +38,10 @@ POINTS = 120  # of a curve over frequency
 USUAL = (0.2, 20.0)  # rad/s, the frequencies shown where there are no points
 OF_LOOPS = (0.3, 20.0)  # rad/s, the frequencies of open loops
 LATER: Dash = (0, (1.0, 1.5))  # a pilot after a change
-NO_UNITS: Mapping[str, str] = MappingProxyType({})
-#: Name, colour and stroke of the target and the disturbance loop.
-LOOP_STYLES: tuple[tuple[str, str, Dash], ...] = (
-    ("target", "#0072B2", "-"),
-    ("disturbance", "#D55E00", (0, (5.0, 1.5))),
+#: Name and style of the target and the disturbance loop.
+LOOP_STYLES = (
+    ("target", Style("#0072B2", "o")),
+    ("disturbance", Style("#D55E00", "o", (0, (5.0, 1.5)))),
 )
 
 
@@ -49,7 +49,7 @@ def describing_function(
     *estimates: Estimate,
     truth: FloatArray | None = None,
     points: FrequencyResponse | Recording | None = None,
-    units: Mapping[str, str] = NO_UNITS,
+    units: Mapping[str, str] = {},
     axes: Sequence[Axes] | None = None,
 ) -> tuple[Axes, ...]:
     """Frequency responses of the channels: the models' as lines, a first step's as points.
@@ -84,54 +84,46 @@ def describing_function(
     """
     if not estimates:
         raise InputError("name at least one estimate whose describing function is to be drawn")
-    names = [c.name for c in estimates[0].model.channels]
-    axes = new_columns(len(names)) if axes is None else axes
+    model = estimates[0].model
+    axes = new_columns(len(model.channels)) if axes is None else axes
     if isinstance(points, Recording):
         from pilotid.methods.fourier import first_step_of
 
-        units, points = units or points.units, first_step_of(points, estimates[0].model)
-    for name, above, below in zip(names, axes[::2], axes[1::2], strict=False):
-        _draw_channel(estimates, name, truth, points, units, (above, below))
+        units, points = units or points.units, first_step_of(points, model)
+    omega, banded = np.geomspace(*_shown(estimates, points), POINTS), leading(estimates)
+    pairs = zip(model.channels, axes[::2], axes[1::2], strict=False)
+    for index, (channel, above, below) in enumerate(pairs):
+        bode = Bode((above, below), omega)
+        for shown in named(estimates):
+            _draw_estimate(bode, shown, channel.name, banded=shown.estimate is banded)
+        if points is not None:
+            bode.points(points, index, Style(INK, "o"), "Fourier coefficients")
+        if truth is not None:
+            for number, end in enumerate(_ends(model)):
+                response = model.constant.response(omega, truth[end])[index]
+                bode.line(response, Style("black", "", "--"), "" if number else "truth")
+        bode.frame()
+        above.set_title(f"{channel.name} channel", loc="left")
+        above.set_ylabel(with_unit(f"magnitude |u/{channel.on}|", ratio_unit(units, channel.on)))
+        legend(above)
     return tuple(axes)
 
 
-def _draw_channel(
-    estimates: Sequence[Estimate],
-    channel: str,
-    truth: FloatArray | None,
-    points: FrequencyResponse | None,
-    units: Mapping[str, str],
-    axes: tuple[Axes, Axes],
-) -> None:
-    bode = Bode(axes, np.geomspace(*_shown(estimates, points), POINTS))
-    banded = leading(estimates)
-    for shown in named(estimates):
-        estimate, names = shown.estimate, [c.name for c in shown.estimate.model.channels]
-        if channel not in names:
-            continue
-        index = names.index(channel)
-        for number, end in enumerate(_ends(estimate.model) if shown.known else ()):
-            response, errors = fitted_response(estimate, index, bode.omega, end)
-            label = f"{shown.label}, after the change" if number else shown.label
-            dash = LATER if number else shown.dash
-            bode.line(response, shown.colour, label, dash, errors if estimate is banded else None)
-        if (measured := estimate.frequency_response) is not None:
-            label = "" if shown.known else shown.label
-            bode.points(measured, index, shown.colour, shown.marker, label)
-    model = estimates[0].model
-    index = [c.name for c in model.channels].index(channel)
-    if points is not None:
-        bode.points(points, index, INK, "o", "Fourier coefficients")
-    if truth is not None:
-        for number, end in enumerate(_ends(model)):
-            response = model.constant.response(bode.omega, truth[end])[index]
-            bode.line(response, "black", "" if number else "truth", "--")
-    bode.frame()
-    drawn = model.channels[index]
-    axes[0].set_title(f"{drawn.name} channel", loc="left")
-    magnitude = f"magnitude |u/{drawn.on}|"
-    axes[0].set_ylabel(with_unit(magnitude, ratio_unit(units, drawn.on)))
-    legend(axes[0])
+def _draw_estimate(bode: Bode, shown: Named, channel: str, *, banded: bool) -> None:
+    """Lines of an estimate's model and points of its first step, if it has such a channel."""
+    estimate, style = shown.estimate, shown.style
+    names = [c.name for c in estimate.model.channels]
+    if channel not in names:
+        return
+    index = names.index(channel)
+    for number, end in enumerate(_ends(estimate.model) if shown.known else ()):
+        response, errors = fitted_response(estimate, index, bode.omega, end)
+        label = f"{shown.label}, after the change" if number else shown.label
+        look = style._replace(dash=LATER) if number else style
+        bode.line(response, look, label, errors if banded else None)
+    if (measured := estimate.frequency_response) is not None:
+        label = "" if shown.known else shown.label
+        bode.points(measured, index, style, label)
 
 
 def open_loop(
@@ -169,7 +161,7 @@ def open_loop(
     same = bool(np.allclose(loops[0], loops[1]))
     above.axhline(1.0, color=INK, linewidth=0.6)
     drawn = [*zip(loops, errors, margins(model, values, element), LOOP_STYLES, strict=True)]
-    for loop, error, margin, (name, colour, dash) in drawn[: 1 if same else 2]:
+    for loop, error, margin, (name, style) in drawn[: 1 if same else 2]:
         if not np.abs(loop).min() > 0.0:
             continue  # no channel acts on what this loop needs
         words = "no crossover"
@@ -177,9 +169,9 @@ def open_loop(
             words = f"crossover {margin.crossover:.2f} rad/s"
             words += f", phase margin {margin.phase_margin:.0f}°"
         label = f"{'target and disturbance' if same else name}: {words}"
-        bode.line(loop, colour, label, dash, error)
+        bode.line(loop, style, label, error)
         if OF_LOOPS[0] < margin.crossover < OF_LOOPS[1]:
-            above.plot(margin.crossover, 1.0, "o", color=colour, markersize=4.0)
+            above.plot(margin.crossover, 1.0, style.marker, color=style.colour, markersize=4.0)
     bode.frame()
     above.set_ylabel("magnitude |L| [-]")
     legend(above)
@@ -243,12 +235,7 @@ class Bode:
         self._first: tuple[FloatArray, FloatArray] | None = None
 
     def line(
-        self,
-        response: ComplexArray,
-        colour: str,
-        label: str,
-        dash: Dash,
-        errors: FloatArray | None = None,
+        self, response: ComplexArray, style: Style, label: str, errors: FloatArray | None = None
     ) -> None:
         """Draw a response at `omega`, and 95 % about it where its errors are known.
 
@@ -256,7 +243,7 @@ class Bode:
         ----------
         response
             The response, shape (n,).
-        colour, label, dash
+        style, label
             How it looks, and what it is called.
         errors
             Standard errors of log-magnitude and phase [rad], shape (2, n).
@@ -265,18 +252,17 @@ class Bode:
         self._first = self._first or (self.omega, phase)
         phase += 2.0 * np.pi * np.round((self._first[1][0] - phase[0]) / (2.0 * np.pi))
         for axes, y in ((self.above, size), (self.below, np.rad2deg(phase))):
-            axes.plot(self.omega, y, color=colour, linestyle=dash, linewidth=1.2, label=label)
+            axes.plot(self.omega, y, color=style.colour, linestyle=style.dash, linewidth=1.2,
+                      label=label)  # fmt: skip
         if errors is not None and np.isfinite(errors).all():
             # Further than this the axes never reach, and exponentials might.
             ratio, reach = np.exp(np.minimum(Z95 * errors[0], 50.0)), Z95 * errors[1]
             ends = np.rad2deg(phase - reach), np.rad2deg(phase + reach)
-            shade: dict[str, Any] = {"color": colour, "alpha": 0.2, "lw": 0.0}
+            shade: dict[str, Any] = {"color": style.colour, "alpha": 0.2, "lw": 0.0}
             self.above.fill_between(self.omega, size / ratio, size * ratio, **shade)
             self.below.fill_between(self.omega, *ends, **shade)
 
-    def points(
-        self, measured: FrequencyResponse, channel: int, colour: str, marker: str, label: str
-    ) -> None:
+    def points(self, measured: FrequencyResponse, channel: int, style: Style, label: str) -> None:
         """Draw a channel's estimated response with bars that hold 95 %."""
         omega, response = measured.omega, measured.value[channel]
         # Each part, real and imaginary, has half of the error's power.
@@ -284,6 +270,7 @@ class Bode:
         self._first = self._first or (omega, np.unwrap(np.angle(response)))
         line = np.interp(omega, *self._first)
         phase = line + np.angle(response * np.exp(-1j * line))
+        colour, marker, _ = style
         look: dict[str, Any] = {"color": colour, "ecolor": (colour, 0.5), "elinewidth": 0.8}
         look |= {"fmt": marker, "markersize": 4.0, "markerfacecolor": "white"}
         # A bar that reached down to zero would reach to minus infinity here.

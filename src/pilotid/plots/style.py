@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ from pilotid.estimate.estimate import Estimate
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.typing import RcKeyType
 
 
 #: What matplotlib takes for the stroke of a line.
@@ -50,6 +50,24 @@ WIDTH = 7.6  # inches, two columns of a journal
 SMALLEST = 7.5  # points, the smallest type of a figure: above 7 once an A4 page holds it
 INK = "#333333"
 GRID = "#dddddd"
+#: Small type, thin axes: matplotlib's settings for a figure in a column of a journal.
+JOURNAL: dict[RcKeyType, Any] = {
+    "font.size": 8.0,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8.0,
+    "xtick.labelsize": SMALLEST,
+    "ytick.labelsize": SMALLEST,
+    "legend.fontsize": SMALLEST,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#777777",
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.size": 0.0,
+    "ytick.minor.size": 0.0,
+    "lines.linewidth": 1.0,
+}
 
 
 def style_of(method: str) -> Style:
@@ -58,48 +76,16 @@ def style_of(method: str) -> Style:
     return STYLES.get(name, OTHERS[sum(map(ord, method)) % len(OTHERS)])
 
 
-def colour_of(method: str) -> str:
-    """The colour of a method."""
-    return style_of(method).colour
-
-
-def marker_of(method: str) -> str:
-    """The marker of a method."""
-    return style_of(method).marker
-
-
-def journal_style() -> AbstractContextManager[None]:
-    """Small type, thin axes: a figure for a column of a journal."""
-    from matplotlib import rc_context
-
-    return rc_context(
-        {
-            "font.size": 8.0,
-            "axes.titlesize": 8.5,
-            "axes.labelsize": 8.0,
-            "xtick.labelsize": SMALLEST,
-            "ytick.labelsize": SMALLEST,
-            "legend.fontsize": SMALLEST,
-            "axes.spines.top": False,
-            "axes.spines.right": False,
-            "axes.edgecolor": "#777777",
-            "axes.linewidth": 0.6,
-            "xtick.major.width": 0.6,
-            "ytick.major.width": 0.6,
-            "xtick.minor.size": 0.0,
-            "ytick.minor.size": 0.0,
-            "lines.linewidth": 1.0,
-        }
-    )
-
-
 @contextmanager
-def journal_figure(height: float) -> Iterator[Figure]:
+def journal_figure(
+    height: float, layout: Literal["constrained"] | None = "constrained"
+) -> Iterator[Figure]:
     """A figure two columns wide and so high [in], in the style of a journal while it is drawn."""
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with journal_style():
-        yield Figure(figsize=(WIDTH, height), layout="constrained")
+    with rc_context(JOURNAL):
+        yield Figure(figsize=(WIDTH, height), layout=layout)
 
 
 def draw_grid(axes: Axes, which: Literal["both", "x", "y"] = "both") -> None:
@@ -130,15 +116,12 @@ def log_ticks(axes: Axes, which: str) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-@dataclass(frozen=True)
-class Named:
-    """One estimate of a plot, with its label, colour, marker and stroke."""
+class Named(NamedTuple):
+    """One estimate of a plot, with its label and how it looks."""
 
     estimate: Estimate
     label: str
-    colour: str
-    marker: str
-    dash: Dash
+    style: Style
 
     @property
     def known(self) -> bool:
@@ -157,8 +140,8 @@ def named(estimates: Sequence[Estimate]) -> list[Named]:
         label = f"{method}, {model}" if len(models) > 1 else method
         if pairs.count((method, model)) > 1:
             label += f" {pairs[: number + 1].count((method, model))}"
-        dash = look.dash if len(estimates) > 1 else "-"
-        styled.append(Named(estimate, label, look.colour, look.marker, dash))
+        alone = len(estimates) == 1
+        styled.append(Named(estimate, label, look._replace(dash="-") if alone else look))
     return styled
 
 
@@ -200,11 +183,11 @@ def _whole(unit: str) -> str:
     return f"({unit})" if "/" in unit or " " in unit else unit
 
 
-def new_axes(height: float = 3.0, width: float = 7.6) -> Axes:
+def new_axes() -> Axes:
     """Axes of a new figure, which pyplot shows and keeps."""
     from matplotlib import pyplot
 
-    return pyplot.subplots(figsize=(width, height), layout="constrained")[1]
+    return pyplot.subplots(figsize=(WIDTH, 3.0), layout="constrained")[1]
 
 
 def new_columns(count: int) -> list[Axes]:

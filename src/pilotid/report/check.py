@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -17,7 +18,7 @@ from pilotid.model.element import ControlledElement
 from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.recording.spectra import NotMultisineError, answers, lines_of
 from pilotid.support.format import Line, Table, as_text, table
-from pilotid.support.remarks import GRADES, Remark, codes_of, gravest_first, remarks_json, without
+from pilotid.support.remarks import GRADES, Remark, gravest_first, remarks_json, without
 
 LACKING = {
     "e": "no model can be fitted",
@@ -47,8 +48,41 @@ class Checked:
 
     @cached_property
     def understood(self) -> dict[str, Any]:
-        """Signals, forcing functions and their lines, rate, durations."""
-        return understood(self.recording)
+        """Signals, forcing functions and their lines, rate, durations, as JSON has them.
+
+        The keys are ``runs``, ``rate`` [Hz], ``duration`` and ``run_in`` [s] of the measurement
+        window and before it; ``unscored``, the seconds at its beginning that methods in the time
+        domain do not score; ``signals``, and ``missing`` with what that means; ``forcing``;
+        ``element_coherence``, the mean squared coherence of x with u + fd, None if unknown; and
+        ``controlled_element``, what the file says of it.
+
+        A signal has ``name``, ``meaning``, ``origin`` (its name in the file, or what it follows
+        from), ``unit``, and ``rms``, ``smallest`` and ``largest`` over the window of all runs.
+
+        A forcing function has ``name``, ``lines`` (multiples of ``base``, 2 pi / T of the window in
+        rad/s) with ``lowest`` and ``highest`` [rad/s]; ``given``, whether the file names the lines;
+        ``answered``, at how many of them the control stands out of its noise, and the median
+        ``coherence`` there, None where unknown; ``why`` there are no lines, empty if there are.
+        """
+        recording = self.recording
+        plant = plant_of(recording)
+        run_in = recording.run_in * recording.dt
+        return {
+            "runs": recording.runs,
+            "rate": 1.0 / recording.dt,
+            "duration": recording.duration,
+            "run_in": run_in,
+            "unscored": max(0.0, recording.lead_in - run_in),
+            "signals": [_signal_facts(recording, name) for name in recording.signals],
+            "missing": {n: why for n, why in LACKING.items() if n not in recording.signals},
+            "forcing": [
+                _forcing_facts(recording, name)
+                for name in ("ft", "fd")
+                if getattr(recording, name) is not None or name in recording.lines
+            ],
+            "element_coherence": None if plant is None else plant.mean_coherence,
+            "controlled_element": recording.controlled_element,
+        }
 
     @cached_property
     def recorder(self) -> list[Finding]:
@@ -64,8 +98,7 @@ class Checked:
                 "recorder": [asdict(fault) for fault in self.recorder],
                 "element": _element(self.element),
             },
-            "remarks": list(self.remarks),
-            "codes": codes_of(self.remarks),
+            **remarks_json(self.remarks),
         }
 
     def blocks(self) -> list[str | Line | Table]:
@@ -98,43 +131,6 @@ class Checked:
 
     def __repr__(self) -> str:
         return as_text(*self.blocks())
-
-
-def understood(recording: Recording) -> dict[str, Any]:
-    """What was understood of a recording, as JSON has it.
-
-    The keys are ``runs``, ``rate`` [Hz], ``duration`` and ``run_in`` [s] of the measurement window
-    and before it; ``unscored``, the seconds at its beginning that methods in the time domain do
-    not score; ``signals``, and ``missing`` with what that means; ``forcing``;
-    ``element_coherence``, the mean squared coherence of x with u + fd, None if unknown; and
-    ``controlled_element``, what the file says of it.
-
-    A signal has ``name``, ``meaning``, ``origin`` (its name in the file, or what it follows from),
-    ``unit``, and ``rms``, ``smallest`` and ``largest`` over the window of all runs.
-
-    A forcing function has ``name``, ``lines`` (multiples of ``base``, 2 pi / T of the window in
-    rad/s) with ``lowest`` and ``highest`` [rad/s]; ``given``, whether the file names the lines;
-    ``answered``, at how many of them the control stands out of its noise, and the median
-    ``coherence`` there, None where unknown; ``why`` there are no lines, empty if there are.
-    """
-    plant = plant_of(recording)
-    run_in = recording.run_in * recording.dt
-    return {
-        "runs": recording.runs,
-        "rate": 1.0 / recording.dt,
-        "duration": recording.duration,
-        "run_in": run_in,
-        "unscored": max(0.0, recording.lead_in - run_in),
-        "signals": [_signal_facts(recording, name) for name in recording.signals],
-        "missing": {n: why for n, why in LACKING.items() if n not in recording.signals},
-        "forcing": [
-            _forcing_facts(recording, name)
-            for name in ("ft", "fd")
-            if getattr(recording, name) is not None or name in recording.lines
-        ],
-        "element_coherence": None if plant is None else plant.mean_coherence,
-        "controlled_element": recording.controlled_element,
-    }
 
 
 def _signal_facts(recording: Recording, name: str) -> dict[str, Any]:
@@ -204,11 +200,10 @@ def summary_of(every: Sequence[Checked]) -> str:
     grades = [{remark.code: remark.grade for remark in checked.remarks} for checked in every]
     bad = [checked for checked in grades if set(checked.values()) & {"wrong", "doubt"}]
     words = f"{len(every)} recordings, {len(every) - len(bad)} without anything wrong or in doubt"
-    kinds = dict.fromkeys(
-        pair for grade in GRADES for codes in grades for pair in codes.items() if pair[1] == grade
-    )
-    counts = [f"{code} ({grade}) {sum(code in codes for codes in grades)}" for code, grade in kinds]
-    return f"{words}: {', '.join(counts)}" if counts else words
+    counts = Counter(pair for codes in grades for pair in codes.items())
+    kinds = sorted(counts.items(), key=lambda kind: GRADES.index(kind[0][1]))
+    told = ", ".join(f"{code} ({grade}) {count}" for (code, grade), count in kinds)
+    return f"{words}: {told}" if told else words
 
 
 def _element(choice: ElementChoice) -> str:
@@ -227,8 +222,6 @@ def _lines(facts: dict[str, Any]) -> list[str]:
             f"methods in the time domain do not score the first {facts['unscored']:.3g} s of the "
             "window, for want of a longer run-in (--lead-in)"
         )
-    else:
-        lines.append("all of the window is scored: the run-in is long enough")
     return lines
 
 

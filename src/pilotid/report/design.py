@@ -28,7 +28,6 @@ def write_report(folder: Path, made: Design, command: str) -> Path:
         path,
         "design.html",
         title=f"Forcing functions for {made.reference.name}",
-        contents=[],
         sentences=sentences(made),
         errors=error_table(made),
         signals=Figure("signals", signals_figure(made), caption),

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.lib.recfunctions import unstructured_to_structured
 
 from pilotid.estimate.loops import COUNT
 from pilotid.estimate.method import Fitted
@@ -20,13 +21,16 @@ from pilotid.model.element import parsed_element
 from pilotid.plots import plots
 from pilotid.plots.page import Figure, render, save_figures
 from pilotid.plots.plots import corner
-from pilotid.plots.style import leading
+from pilotid.plots.style import journal_figure, leading
 from pilotid.support.disk import strict_json, table_bytes, write_file
 from pilotid.support.format import Line, Table, make_console, show, table
 from pilotid.support.remarks import counted_grades
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
     from rich.console import Console
+
+SECONDS = 30.0  # of the control that are shown: beyond, strokes run into one another
 
 
 def html_report(fits: Sequence[Fitted]) -> str:
@@ -40,59 +44,39 @@ def html_report(fits: Sequence[Fitted]) -> str:
     shown = []
     for number, fit in enumerate(fits, start=1):
         figures = [replace(figure, name=f"{figure.name}-{number}") for figure in figures_of(fit)]
-        content = {**words_of(fit), **tables_of(fit)}
-        shown.append({"key": f"recording-{number}", **content, "figures": figures})
-    contents = [(part["key"], part["heading"]) for part in shown]
-    return render("fit.html", title="Identified pilot models", contents=contents, fits=shown)
+        shown.append((f"recording-{number}", fit, tables_of(fit), figures))
+    title = "Identified pilot models"
+    return render("fit.html", title=title, fits=shown, summary=summary, remarked=remarked)
 
 
-def words_of(fit: Fitted) -> dict[str, Any]:
-    """The sentences of a page on a fit, by the names that templates have for them."""
-    return {
-        "heading": fit.heading,
-        "summary": summary(fit),
-        "warnings": fit.warnings,
-        "warned": _warned(fit),
-        "verdicts": [e.verdict(timed=False) for e in fit.estimates],
-    }
-
-
-def tables_of(fit: Fitted) -> dict[str, Any]:
-    """The numbers of a fit and what is said beside them, for pages and the terminal."""
-    known = [(e.method, e.quantities) for e in fit.estimates if np.isfinite(e.values).any()]
-    return {
-        "specifications": [
-            (f"{e.method}: {e.specification.sentence}", e.specification.agrees)
-            for e in fit.estimates
-            if e.specification
-        ],
-        "tables": quantity_tables(known),
-        "held": fit.model.held_words,
-        **_loops(fit),
-    }
-
-
-def _warned(fit: Fitted) -> str:
+def remarked(fit: Fitted) -> str:
     """How many remarks of each grade there are, and what they ask."""
     grave = any(remark.grade != "note" for remark in fit.graded)
     what = "read before you use the numbers" if grave else "for information, no doubts"
     return f"{counted_grades(fit.graded)}: {what}"
 
 
-def _loops(fit: Fitted) -> dict[str, Any]:
-    """With what element loops were drawn, or why with none, their quantities, and notes."""
-    choice = fit.loop_element
+def tables_of(fit: Fitted) -> dict[str, Any]:
+    """The numbers of a fit and its loops, and what is said beside them: pages and terminal."""
+    choice, known = fit.loop_element, [e for e in fit.estimates if np.isfinite(e.values).any()]
     pairs = zip(fit.estimates, fit.loops, strict=False)  # without an element there are no loops
-    known = [(e.method, loops) for e, loops in pairs if np.isfinite(e.values).any()]
+    loops = [(e.method, loop) for e, loop in pairs if e in known]
     tabled = [
-        (method, loops.quantities)
-        for method, loops in known
-        if any(math.isfinite(q.value) for q in loops.quantities)
+        (method, loop.quantities)
+        for method, loop in loops
+        if any(math.isfinite(q.value) for q in loop.quantities)
     ]
     return {
-        "element": "" if choice is None else choice.words if known else choice.why,
+        "specifications": [
+            (f"{e.method}: {e.specification.sentence}", e.specification.agrees)
+            for e in fit.estimates
+            if e.specification
+        ],
+        "tables": quantity_tables([(e.method, e.quantities) for e in known]),
+        "held": fit.model.held_words,
+        "element": "" if choice is None else choice.words if loops else choice.why,
         "loops": quantity_tables(tabled, "loop"),
-        "loop_notes": [f"{method}: {note}" for method, loops in known for note in loops.notes],
+        "loop_notes": [f"{method}: {note}" for method, loop in loops for note in loop.notes],
     }
 
 
@@ -148,31 +132,18 @@ def figures_of(fit: Fitted) -> Iterator[Figure]:
     Open loops are drawn with the controlled element of the fit or, where nobody asked for loops,
     with that which the recording names.
     """
-    from pilotid.methods.fourier import first_step_of
-
-    recording = fit.recording
-    shown = [e for e in fit.estimates if np.isfinite(e.values).all()]
-    first_steps = [e for e in fit.estimates if e.frequency_response is not None]
-    chosen = leading(shown)
+    recording, chosen = fit.recording, leading(fit.estimates)
     if chosen is not None:
         which = "The run" if recording.runs == 1 else f"Run 1 of {recording.runs}"
         caption = (
             f"{which}, its first seconds: the control and the response of the model "
             f"({chosen.method}) to the recorded inputs with 95 % of its remnant about it."
         )
-        yield Figure("time", plots.time_figure(recording, chosen), caption)
-    if shown or first_steps:
-        drawn = [e for e in fit.estimates if e in shown or e in first_steps]
-        points = None if first_steps else first_step_of(recording, fit.model)
-        figure = plots.response_figure(drawn, points=points, units=recording.units)
-        caption = "Describing functions of the fitted models"
-        if chosen is not None:
-            caption += f", with the 95 % band of {chosen.method}"
-        if first_steps or points is not None:
-            whose = ", ".join(e.method for e in first_steps)
-            source = f"the first step of {whose}" if whose else "Fourier coefficients"
-            caption += f"; points with bars of 95 %: {source}, without a model of the pilot"
-        yield Figure("describing-function", figure, f"{caption}.")
+        span = (0.0, min(SECONDS, float(recording.time[-1])))
+        with journal_figure(2.5) as drawing:
+            plots.signals(recording, chosen, span=span, band=True, axes=drawing.subplots())
+        yield Figure("time", drawing, caption)
+    yield from _describing_functions(fit)
     if chosen is None:
         return
     loop = fit.loop_element
@@ -183,19 +154,63 @@ def figures_of(fit: Fitted) -> Iterator[Figure]:
             f"{plant.name or 'given'}, with 95 % bands: that which the target sees and that which "
             "the disturbance sees. Marks: first crossovers."
         )
-        yield Figure("open-loop", plots.open_loop_figure(chosen, plant), caption)
-    modelled = [e for e in shown if e.remnant is not None or e is chosen]
+        with journal_figure(4.2) as drawing:
+            above, below = drawing.subplots(2, 1, sharex=True, height_ratios=(4, 5))
+            plots.open_loop(chosen, plant, (above, below))
+            _legend_above(drawing, 1)
+        yield Figure("open-loop", drawing, caption)
+    modelled = [e for e in fit.estimates if e.remnant is not None or e is chosen]
     caption = (
         "Power density of the remnant as modelled (lines), and of what the model of the pilot "
         f"by {chosen.method} leaves of the control (points; by Welch's method)."
     )
-    yield Figure("remnant", plots.remnant_figure(recording, modelled), caption)
+    with journal_figure(2.9) as drawing:
+        plots.remnant(*modelled, recording=recording, axes=drawing.subplots())
+    yield Figure("remnant", drawing, caption)
     caption = (
         f"Prediction errors of {chosen.method}, whitened by a model of the remnant: their "
         "autocorrelation, and their correlation with the pilot's inputs some time before "
         "(shaded: after, which the loop explains). Dashed: 95 % of white errors lie within."
     )
-    yield Figure("residual-tests", plots.whiteness_figure(recording, chosen), caption)
+    signals = (None, *dict.fromkeys(channel.on for channel in chosen.model.channels))
+    with journal_figure(2.4) as drawing:
+        for name, axes in zip(signals, drawing.subplots(1, len(signals)), strict=True):
+            plots.correlation(recording, chosen, signal=name, axes=axes)
+    yield Figure("residual-tests", drawing, caption)
+
+
+def _describing_functions(fit: Fitted) -> Iterator[Figure]:
+    """The channels of all estimates that have something to show, side by side."""
+    from pilotid.methods.fourier import first_step_of
+
+    drawn = [e for e in fit.estimates if np.isfinite(e.values).all() or e.frequency_response]
+    if not drawn:
+        return
+    whose = ", ".join(e.method for e in drawn if e.frequency_response)
+    points = None if whose else first_step_of(fit.recording, fit.model)
+    units, columns = fit.recording.units, len(fit.model.channels)
+    with journal_figure(4.2) as drawing:
+        panels = drawing.subplots(2, columns, sharex=True, squeeze=False, height_ratios=(3, 2))
+        plots.describing_function(*drawn, points=points, units=units, axes=[*panels.T.ravel()])
+        _legend_above(drawing, 5)
+    caption = "Describing functions of the fitted models"
+    if chosen := leading(drawn):
+        caption += f", with the 95 % band of {chosen.method}"
+    if whose or points is not None:
+        source = f"the first step of {whose}" if whose else "Fourier coefficients"
+        caption += f"; points with bars of 95 %: {source}, without a model of the pilot"
+    yield Figure("describing-function", drawing, f"{caption}.")
+
+
+def _legend_above(figure: Drawing, columns: int) -> None:
+    """One legend for all axes, where it hides none of them, and their labels in line."""
+    figure.align_ylabels()
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    for axes in figure.axes:
+        if (legend := axes.get_legend()) is not None:
+            legend.remove()
+    if labels:
+        figure.legend(handles, labels, loc="outside upper left", ncols=columns, frameon=False)
 
 
 # -------------------------------------------------------------------------------------- posteriors
@@ -233,16 +248,12 @@ def quantities_of(fit: Fitted) -> list[Quantity]:
     if draws is None:
         return []
     units = {p.key: p.unit for p in model.parameters} | {"frequency": "rad/s"}
+    facts = draws.effective.tolist(), draws.r_hat.tolist(), draws.positive.tolist()
     parameters = [
-        sampled(
-            key,
-            units.get(key, ""),
-            draws.values[:, i],
-            effective=float(draws.effective[i]),
-            r_hat=float(draws.r_hat[i]),
-            positive=bool(draws.positive[i]),
+        sampled(key, units.get(key, ""), own, effective=effective, r_hat=r_hat, positive=positive)
+        for key, own, effective, r_hat, positive in zip(
+            draws.keys, draws.values.T, *facts, strict=True
         )
-        for i, key in enumerate(draws.keys)
     ]
     prediction = predict(recording, model, VAF_BAND)
     some = draws.thinned(COUNT)[:, : len(model.parameters)]
@@ -306,8 +317,9 @@ def write_posterior(folder: Path, fit: Fitted, quantities: Sequence[Quantity]) -
     page = render(
         "posterior.html",
         title="Posterior of a pilot model",
-        contents=[],
-        fit=words_of(fit),
+        fit=fit,
+        summary=summary(fit),
+        remarked=remarked(fit),
         quantities=quantity_table(quantities),
         notes=loop_words(fit),
         convergence=convergence_words(draws),
@@ -330,13 +342,9 @@ def write_posterior(folder: Path, fit: Fitted, quantities: Sequence[Quantity]) -
 
 def draws_bytes(draws: Draws) -> bytes:
     """A structured array for `numpy.load`: a field for each parameter, and ``log_density``."""
-    names = (*draws.keys, "log_density")
-    array = np.empty(draws.chains, dtype=[(name, float) for name in names])
-    for i, key in enumerate(draws.keys):
-        array[key] = draws.values[:, i].reshape(draws.chains)
-    array["log_density"] = draws.log_density.reshape(draws.chains)
+    columns = np.column_stack([draws.values, draws.log_density]).reshape(*draws.chains, -1)
     stream = io.BytesIO()
-    np.save(stream, array)
+    np.save(stream, unstructured_to_structured(columns, names=[*draws.keys, "log_density"]))
     return stream.getvalue()
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from pilotid.datasets import SCENARIOS
 from pilotid.datasets.signals import paper_disturbance, paper_target
 from pilotid.plots.page import Figure, write_page
-from pilotid.plots.style import INK, colour_of, draw_grid, journal_figure, marker_of
+from pilotid.plots.style import INK, Style, draw_grid, journal_figure, style_of
 from pilotid.report.study import panelled
 from pilotid.study.paper import (
     BIAS,
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
     from pandas import DataFrame
 
-#: Figures in the order of the page: their sections are "fig-3" and so on, 7 is in that of 6.
-ORDER = ("3", "4", "5", "6", "8", "9", "10", "11")
 #: The scenarios of Fig. 8 on an axis.
 FORCING = ("both", "disturbance", "target", "dist. step", "target step")
 #: An axis shows what lies no further from the median than so many interquartile ranges.
@@ -75,7 +73,6 @@ def write_paper(folder: Path, study: Comparison, trials: DataFrame) -> Path:
         path,
         "paper.html",
         title="AIAA 2008-7109 repeated",
-        contents=[("tables", "Tables 1 and 2"), *((f"fig-{n}", f"Figure {n}") for n in ORDER)],
         figures=_figures(study, every, trials),
         tables=_tables(study, every, trials),
         failed=[f"{n.partition('-')[2]}: {every.loc[n, 'mmle3', ALL].failures}" for n in REMNANTS],
@@ -215,36 +212,39 @@ def _change(
 
 def _figures(study: Comparison, every: DataFrame, trials: DataFrame) -> dict[str, Figure]:
     """The paper's figures by their numbers."""
-    from pandas import DataFrame
+    from pandas import DataFrame, concat
+
+    def of_paper(place: float, values: Sequence[float] | FloatArray) -> DataFrame:
+        head = {"method": "paper", "parameter": KEYS, "place": place, "std_error": 0.0}
+        return DataFrame(head | {"value": values})
 
     power = {n: 100.0 * (study.scenarios[n].remnant or np.nan) for n in REMNANTS}
-    at = power["remnant-0.4"]
-    bias: list[tuple[str, str, float, float, float]] = []
-    variance, forcing = bias.copy(), bias.copy()
-    for place, key in enumerate(KEYS):
-        bias.append(("paper", key, at, BIAS[place], 0.0))
-        variance.append(("paper", key, at, (0.01 * DEVIATION[place] * TRUTH[key]) ** 2, 0.0))
-        for m in METHODS:
-            curves = {name: every.loc[name, m, key] for name in (*REMNANTS, *TABLE_3)}
-            bias += [(m, key, power[n], curves[n].bias_percent, 0.0) for n in REMNANTS]
-            variance += [(m, key, power[n], curves[n]["std"] ** 2, 0.0) for n in REMNANTS]
-            forcing += [(m, key, x, curves[n].truth + curves[n].bias, Z95 * curves[n].bias_se)
-                        for x, n in enumerate(TABLE_3)]  # fmt: skip
-        forcing += [("paper", key, x, TRUTH[key] * (1.0 + off[place] / 100.0), 0.0)
-                    for x, off in enumerate(TABLE_3.values())]  # fmt: skip
-    columns = ["method", "parameter", "place", "value", "std_error"]
-    bias, variance, forcing = (DataFrame(p, columns=columns) for p in (bias, variance, forcing))
+    truth, at = np.array([*TRUTH.values()]), power["remnant-0.4"]
+    scored = every.reset_index()
+    remnants = scored[scored.scenario.isin(REMNANTS)]
+    remnants = remnants.assign(place=remnants.scenario.map(power))
+    forcing = scored[scored.scenario.isin([*TABLE_3])]
+    forcing = forcing.assign(
+        place=forcing.scenario.map([*TABLE_3].index),
+        value=forcing.truth + forcing.bias,
+        std_error=Z95 * forcing.bias_se,
+    )
+    offs = [0.01 * np.array(percents) for percents in TABLE_3.values()]
+    bias = concat([of_paper(at, BIAS), remnants.assign(value=remnants.bias_percent)])
+    theirs = of_paper(at, (0.01 * truth * DEVIATION) ** 2)
+    variance = concat([theirs, remnants.assign(value=remnants["std"] ** 2)])
+    forcing = concat([forcing, *(of_paper(x, truth * (1.0 + off)) for x, off in enumerate(offs))])
     remnant = "remnant over control, power [%]"
     drawn = {
-        "3": (_points(_numbered(study, "nominal"), "run", truth=TRUTH),
+        "3": (_points(_numbered(study, "nominal"), "run", truth=True),
               "estimates of ten recordings with their claimed standard errors; grey: truth."),
         "4": (_signals(study), "signals of the first recording of `nominal`."),
-        "5": (_points(_numbered(study, "starts"), "start", truth=TRUTH),
+        "5": (_points(_numbered(study, "starts"), "start", truth=True),
               "ends of ten fits of one recording from guesses within 40 % of the truth; grey: "
               "truth."),
-        "6": (_points(bias, remnant, "bias [%]", line="-"), "bias [%] over the remnant."),
-        "7": (_points(variance, remnant, "variance", line="-"), "variance over the remnant."),
-        "8": (_points(forcing, "", truth=TRUTH, ticks=FORCING),
+        "6": (_points(bias, remnant, "bias [%]"), "bias [%] over the remnant."),
+        "7": (_points(variance, remnant, "variance"), "variance over the remnant."),
+        "8": (_points(forcing, "", truth=True, ticks=FORCING),
               "means with 95 % intervals; grey: truth; crosses: the paper's means, from its "
               "Table 3."),
         "9": _grouped(trials, "9", MOTION),
@@ -295,29 +295,26 @@ def _grouped(
 
 
 def _points(
-    frame: DataFrame,
-    label: str,
-    ordinate: str = "",
-    *,
-    truth: Mapping[str, float] | None = None,
-    ticks: Sequence[str] = (),
-    line: str = "",
+    frame: DataFrame, label: str, curve: str = "", *, truth: bool = False, ticks: Sequence[str] = ()
 ) -> Drawing:
-    """A panel for each parameter: values over their place, with error bars."""
+    """A panel for each parameter: values over their place, with error bars.
+
+    With a word for what they are of, `curve`, values are joined, but for those of the paper.
+    """
     methods = [method for method in ("paper", *METHODS) if method in {*frame.method}]
     keys = [key for key in KEYS if key in {*frame.parameter}]
-    with panelled(keys, 1.75, (label, ordinate)) as (figure, panels, spare):
+    with panelled(keys, 1.75, (label, curve)) as (figure, panels, spare):
         for key, axes in zip(keys, panels, strict=True):
             chosen = frame[frame.parameter == key]
             if truth:
-                axes.axhline(truth[key], color="#999999", lw=0.8)
+                axes.axhline(TRUTH[key], color="#999999", lw=0.8)
             for count, method in enumerate(methods):
                 rows = chosen[chosen.method == method]
                 paper = method == "paper"
-                fmt, colour = "x" if paper else marker_of(method), colour_of(method)
+                colour, marker, _ = Style(INK, "x") if paper else style_of(method)
                 axes.errorbar(
                     rows.place + 0.12 * count, rows.value, rows.std_error.fillna(0.0), lw=0.9,
-                    fmt=fmt if paper else f"{fmt}{line}", color=INK if paper else colour,
+                    fmt=f"{marker}-" if curve and not paper else marker, color=colour,
                     markersize=3.0, elinewidth=0.7, label=method,
                 )  # fmt: skip
             bars = chosen.std_error.fillna(0.0)
@@ -332,8 +329,6 @@ def _points(
 def _limits(values: FloatArray) -> tuple[float, float]:
     """Ends of an axis that leaves out what lies far from the middle half of the values."""
     known = values[np.isfinite(values)]
-    if not known.size:
-        return 0.0, 1.0
     low, middle, high = np.quantile(known, [0.25, 0.5, 0.75]).tolist()
     near = np.abs(known - middle) <= RANGES_SHOWN * (high - low)
     inside = known[near] if high > low else known

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pilotid.plots.page import FIGURES, Figure, render, save_figures, write_page
-from pilotid.plots.style import INK, WIDTH, colour_of, journal_style, marker_of
+from pilotid.plots.style import INK, journal_figure, style_of
 from pilotid.report.study_tables import (
     Ranking,
     advice,
@@ -26,10 +26,9 @@ from pilotid.report.study_tables import (
     ranking,
     read_trust,
     trust_table,
-    verdict,
 )
 from pilotid.study.scores import ALL, EFFICIENT, loss_text
-from pilotid.study.table import LIMITS, USABLE, Comparison, is_ranked, worst_parameter
+from pilotid.study.table import LIMITS, USABLE, Comparison, is_ranked, judge, worst_parameter
 from pilotid.support.disk import write_file
 from pilotid.support.format import Table, table
 from pilotid.support.naming import as_typed
@@ -55,11 +54,8 @@ def panelled(
     titles: Sequence[str], height: float, labels: tuple[str, str]
 ) -> Iterator[tuple[Drawing, list[Axes], Axes]]:
     """A figure with a panel for each title, and axes in the spare place for the legend."""
-    from matplotlib.figure import Figure as Drawing
-
     rows = -(-(len(titles) + 1) // COLUMNS)
-    with journal_style():
-        figure = Drawing(figsize=(WIDTH, height * rows), layout="constrained")
+    with journal_figure(height * rows) as figure:
         panels = list(figure.subplots(rows, COLUMNS, squeeze=False).flat)
         for title, axes in zip(titles, panels, strict=False):
             axes.set_title(title)
@@ -120,14 +116,11 @@ def _draw_errors(axes: Axes, scores: DataFrame) -> None:
     axes.axvline(0.0, color=INK, linewidth=0.6)
     axes.set_xlim(-reach, reach)
     for row, method in enumerate(scores.method):
-        colour, middle = colour_of(method), bias[row]
+        (colour, marker, _), middle = style_of(method), bias[row]
         if abs(middle) > reach:
             right = middle > 0.0
             axes.plot(math.copysign(reach, middle), row, ">" if right else "<", color=colour,
                       markersize=4.5, clip_on=False)  # fmt: skip
-            axes.annotate(f"{middle:.3g}", (math.copysign(reach, middle), row),
-                          (-5 if right else 5, 0), textcoords="offset points", va="center",
-                          ha="right" if right else "left", fontsize=7.0)  # fmt: skip
             continue
         for half, width, alpha in ((claimed[row], 5.0, 0.45), (std[row], 1.0, 1.0)):
             axes.plot([middle - half, middle + half], [row, row], color=colour, linewidth=width,
@@ -135,7 +128,7 @@ def _draw_errors(axes: Axes, scores: DataFrame) -> None:
         half = Z95 * error[row]
         axes.plot([middle - half, middle + half], [row, row], "|-", color=INK, linewidth=1.0,
                   markersize=4.4)  # fmt: skip
-        axes.plot(middle, row, marker_of(method), color=colour, markersize=4.0,
+        axes.plot(middle, row, marker, color=colour, markersize=4.0,
                   markeredgecolor="white", markeredgewidth=0.4)  # fmt: skip
     axes.locator_params(axis="x", nbins=5)
     axes.tick_params(axis="y", length=0)
@@ -153,7 +146,6 @@ def reach_of(extents: FloatArray, bound: float) -> float:
 
 REFERENCE = "nominal"
 DETAILED = 3  # scenarios of which all is said at once; of more, of the first alone
-LISTED = 9  # scenarios from which on the contents leave them out
 
 
 def write_report(folder: Path, study: Comparison) -> Path:
@@ -188,15 +180,8 @@ def content_of(study: Comparison) -> dict[str, Any]:
     """What the page shows: sentences, tables and figures, by the names that its template has."""
     trust, scenarios = read_trust(study.folder), [_scenario(study, n) for n in study.scenarios]
     words, losses, rankings = overview(study)
-    contents = [
-        *[("trust", "What the fit is worth")] * bool(trust),
-        ("summary", "Which method to use"),
-        *([(part["key"], part["title"]) for part in scenarios] if len(scenarios) < LISTED else []),
-        ("provenance", "Provenance"),
-    ]
     return {
         "title": "Pilot-model identification: methods compared",
-        "contents": contents,
         "trust": trust and (advice(trust), trust_table(trust), trust["unknown"]),
         "words": words,
         "losses": losses,
@@ -239,10 +224,11 @@ def _detailed(names: Sequence[str]) -> Sequence[str]:
 
 def _wider_priors(study: Comparison, name: str) -> Iterator[str]:
     """How the loss changes where a method's prior is wider, in words."""
-    entries = {m: e for m, e in study.methods.items() if e.uses_prior}
-    for (narrow, first), (wide, second) in permutations(entries.items(), 2):
-        same = {**first.settings, "prior": None} == {**second.settings, "prior": None}
-        if same and second.number("prior") > first.number("prior"):
+    settings = {method: entry.settings for method, entry in study.methods.items()}
+    widths = {m: s["prior"] for m, s in settings.items() if isinstance(s.get("prior"), int | float)}
+    for narrow, wide in permutations(widths, 2):
+        same = {**settings[narrow], "prior": None} == {**settings[wide], "prior": None}
+        if same and widths[wide] > widths[narrow]:
             words = f"In `{name}`, `{wide}` has {loss_text(*study.ratio(name, wide, narrow))}"
             yield f"{words} times the loss of `{narrow}`: the effect of its prior."
 
@@ -254,8 +240,8 @@ def answer(study: Comparison, name: str) -> str:
     if not order:
         return f"On `{name}` no method can be ranked: none gives intervals and seldom fails."
     best, *others = order
-    grade, loss = verdict(study, best).grade, loss_text(*loss_of(best))
-    worst = worst_parameter(study.scored(name, best.method))
+    scored, loss = study.scored(name, best.method), loss_text(*loss_of(best))
+    grade, worst = judge(scored).grade, worst_parameter(scored)
     words = f"On `{name}`, **`{best.method}` is best** of {len(every)}: loss {loss}, {grade}"
     if grade == "poor":
         words = (
@@ -282,25 +268,20 @@ def _scenario(study: Comparison, name: str) -> dict[str, Any]:
     what = f"{entry.description[:1].upper()}{entry.description[1:]}{remnant}"
     one_truth = not (entry.population or entry.one_recording)
     drawn = one_truth and study.of(name).usable.any()
+    caption = (
+        f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
+        f"Cramér-Rao bound. Each panel has its own scale; a triangle marks a method whose "
+        f"mean error lies outside it. Numbers: [summary.csv](summary.csv), all scores: "
+        "[scores.csv](scores.csv), each fit: [estimates.csv](estimates.csv)."
+    )
     return {
         "key": key_of(name),
         "title": f"Scenario {name}",
         "what": f"{what}; model {entry.model}.",
         "folded": name in names and name not in _detailed(names),
         "ranking": ranking(study, name) if name in names and name not in _detailed(names) else None,
-        "figure": _errors_figure(study, name) if drawn else None,
+        "figure": Figure(f"errors-{key_of(name)}", errors(study, name), caption) if drawn else None,
     }
-
-
-def _errors_figure(study: Comparison, name: str) -> Figure:
-    return Figure(
-        f"errors-{key_of(name)}",
-        errors(study, name),
-        f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
-        f"Cramér-Rao bound. Each panel has its own scale; a triangle marks a method whose "
-        f"mean error lies outside it. Numbers: [summary.csv](summary.csv), all scores: "
-        "[scores.csv](scores.csv), each fit: [estimates.csv](estimates.csv).",
-    )
 
 
 # ------------------------------------------------------------------------------ provenance

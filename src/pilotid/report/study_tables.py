@@ -16,7 +16,6 @@ from pilotid.study.table import (
     EFFICIENT,
     USABLE,
     Comparison,
-    Verdict,
     fails_often,
     is_ranked,
     judge,
@@ -98,60 +97,44 @@ class Ranking(NamedTuple):
     ticks: Sequence[tuple[float, int]] = LABELS
 
 
-#: The ranking's columns by title: the value in a row, of a method's scores, the study and the best
-#: method's scores; what writes it as a number (None for words); and what the title means.
-RANKING: dict[str, tuple[Callable[..., object], Callable[..., str] | None, str]] = {
-    "method": (
-        lambda row, study, _: f"{row.method}{' *' * study.methods[row.method].uses_prior}",
-        None,
-        "*: uses prior knowledge",
-    ),
-    "loss (95 %)": (
-        lambda row, *_: _loss(row),
-        str,
-        "interval score over an efficient estimator's",
-    ),
-    "times best": (
-        lambda row, study, best: _times_best(study, row, best),
-        str,
-        "ratio to the first row's loss, same recordings",
-    ),
-    "verdict": (lambda row, study, _: verdict(study, row).words, None, "by fixed limits"),
-    "worst parameter": (
-        lambda row, study, _: worst_parameter(study.scored(row.scenario, row.method)),
-        None,
-        "root mean square error over the bound, and bias in % of the truth",
-    ),
-    "coverage %": (
-        lambda row, *_: (row.coverage_95, (row.coverage_lower, row.coverage_upper)),
-        share,
-        "of 95 % intervals",
-    ),
-    "failed": (lambda row, *_: of(row.failures, row.recordings), str, "fits"),
-    "warned": (
-        lambda row, study, _: (
-            of(row.warned, row.recordings)
-            if study.scenarios[row.scenario].family in WARNED
-            else None
-        ),
-        str,
-        "recordings with a remark or a failure",
-    ),
-    "s per fit": (lambda row, *_: (row.seconds, 2), number, "median"),
+#: The ranking's columns by title: what writes a value as a number, None for words.
+RANKING: Mapping[str, Callable[..., str] | None] = {
+    "method": None,
+    "loss (95 %)": str,
+    "times best": str,
+    "verdict": None,
+    "worst parameter": None,
+    "coverage %": share,
+    "failed": str,
+    "warned": str,
+    "s per fit": number,
 }
 
 
 def ranking(study: Comparison, name: str) -> Ranking:
     """The methods of a scenario in the order of their loss."""
-    order, count = ranked(study, name), study.replications(name)
+    order, count, rows, marks = ranked(study, name), study.replications(name), [], []
+    warned = study.scenarios[name].family in WARNED
+    for row in order:
+        scored = study.scored(name, row.method)
+        verdict = judge(scored)
+        marks.append(GRADES.get(verdict.grade, "none"))
+        rows.append([
+            f"{row.method}{' *' * study.methods[row.method].uses_prior}",
+            _loss(row),
+            _times_best(study, row, order[0]),
+            verdict.words,
+            worst_parameter(scored),
+            (row.coverage_95, (row.coverage_lower, row.coverage_upper)),
+            of(row.failures, row.recordings),
+            of(row.warned, row.recordings) if warned else None,
+            (row.seconds, 2),
+        ])  # fmt: skip
     what = "1 recording" if count == 1 else f"{count} recordings"
     caption = f"`{name}`, {what}: methods by their loss "
     caption += f"(1: exact; below {EFFICIENT:g} efficient, below {USABLE:g} usable)"
-    marks = {"verdict": [GRADES.get(verdict(study, row).grade, "none") for row in order]}
-    rows = [[value(row, study, order[0]) for value, *_ in RANKING.values()] for row in order]
-    forms = {title: form for title, (_, form, _) in RANKING.items() if form}
-    hints = {title: hint for title, (*_, hint) in RANKING.items()}
-    shown = table(rows, caption, list(RANKING), forms, hints=hints, marks=marks)
+    forms = {title: form for title, form in RANKING.items() if form}
+    shown = table(rows, caption, [*RANKING], forms, marks={"verdict": marks})
     whiskers = [tuple(map(place, _ends(row))) if is_ranked(row) else None for row in order]
     return Ranking(shown, whiskers, [loss_mark(row.loss) for row in order])
 
@@ -160,11 +143,6 @@ def _ends(row: Any) -> tuple[float, float, float]:
     """A loss and the ends of its interval, which is of no width where it is not known."""
     loss, low, high = loss_of(row)
     return loss, low if math.isfinite(low) else loss, high if math.isfinite(high) else loss
-
-
-def verdict(study: Comparison, row: Any) -> Verdict:
-    """What is to be thought of a method in a scenario, which a row of scores names."""
-    return judge(study.scored(row.scenario, row.method))
 
 
 def _times_best(study: Comparison, row: Any, best: Any) -> str | None:
@@ -273,13 +251,8 @@ def trust_table(trust: Mapping[str, Any]) -> Table:
         "bias / claim": plus_minus,
         "coverage %": share,
     }
-    hints = {
-        "corrected 95 %": "so that 95 % hold the truth here",
-        "bias / claim": "mean error on simulations over the claimed error, with its own error",
-        "coverage %": "of the claimed intervals, with its 95 % interval",
-    }
     caption = f"`{trust['method']}` on pilots like this one, {Path(trust['recording']).name}"
-    return table(rows, caption, ("parameter", "unit", *forms), forms, hints=hints)
+    return table(rows, caption, ("parameter", "unit", *forms), forms)
 
 
 def advice(trust: Mapping[str, Any]) -> list[str]:

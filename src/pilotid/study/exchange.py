@@ -19,7 +19,6 @@ import numpy as np
 from pilotid.datasets import scenario_named
 from pilotid.datasets.named import truth
 from pilotid.estimate.estimate import Outcome
-from pilotid.model.model import PilotModel
 from pilotid.recording.files import save_recording
 from pilotid.recording.recording import Recording
 from pilotid.study.run import recorded, recording_of, scenario_of, started, with_truth
@@ -262,21 +261,18 @@ def _table(path: Path) -> DataFrame:
 def _require_same(path: Path, table: DataFrame, manifest: Manifest, study: Study) -> None:
     """Refuse estimates of anything but the study's recordings, which were exported."""
     origins = {scenario.name: scenario for scenario in study.scenarios}
-    models: dict[tuple[str, int], PilotModel] = {}
     columns = zip(table.scenario, table.replication, table.parameter, strict=True)
     for row, (name, replication, key) in enumerate(columns):
-        what, place = "", (name, replication)
+        what = ""
         if name not in origins:
             what = f"scenario '{name:.50}' is not in the study; it has {', '.join(origins)}"
-        elif place not in manifest.digests:
+        elif (name, replication) not in manifest.digests:
             what = f"{MANIFEST} has no replication {replication} of scenario {name}"
         else:
-            if place not in models:
-                models[place] = scenario_of(origins[name], study.seed, replication).model
-            keys = models[place].keys
-            if key not in keys:
-                model = models[place].name
-                what = f"model {model} has no parameter '{key:.50}'; it has {', '.join(keys)}"
+            model = scenario_of(origins[name], study.seed, replication).model
+            if key not in model.keys:
+                known = ", ".join(model.keys)
+                what = f"model {model.name} has no parameter '{key:.50}'; it has {known}"
         if what:
             raise InputError(f"{path}, line {row + 2}: {what}")
     for (name, replication), digest in manifest.digests.items():

@@ -20,6 +20,7 @@ from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.named import folder_of, recordings_in
 from pilotid.datasets.scenarios import PILOT_AT_REST, PILOT_IN_MOTION
 from pilotid.estimate.method import identify
+from pilotid.estimate.quantities import Quantity
 from pilotid.methods import method_named
 from pilotid.model.catalogue import MULTI, SINGLE
 from pilotid.model.loops import is_stable
@@ -104,22 +105,20 @@ def fit_trial(trial: Trial) -> list[dict[str, Any]]:
         recording = simulate(trial.source, recording_rng(trial.seed, trial.source.name))
     rng = fit_rng(trial.seed, trial.method)
     estimate = identify(method_named(trial.method), recording, trial.model, rng)
-    usable = estimate.outcome.usable
-    pairs = [(q.value, q.std_error) if usable else (np.nan, np.nan) for q in estimate.parameters]
-    return _rows(trial, pairs)
+    return _rows(trial, estimate.parameters if estimate.outcome.usable else ())
 
 
 def _given_up(trial: Trial, loss: Loss, why: str) -> list[dict[str, Any]]:
-    return _rows(trial, [(np.nan, np.nan)] * len(trial.model.keys))
+    return _rows(trial)
 
 
-def _rows(trial: Trial, pairs: Iterable[tuple[float, float]]) -> list[dict[str, Any]]:
+def _rows(trial: Trial, estimated: Iterable[Quantity] = ()) -> list[dict[str, Any]]:
+    """A row for each parameter, which has no numbers if nothing was estimated."""
     names = ("figure", "subject", "condition", "method")
     front = {name: getattr(trial, name) for name in names}
-    return [
-        {**front, "parameter": key, "value": value, "std_error": error}
-        for key, (value, error) in zip(trial.model.keys, pairs, strict=True)
-    ]
+    known = {q.key: {"value": q.value, "std_error": q.std_error} for q in estimated}
+    nothing = {"value": np.nan, "std_error": np.nan}
+    return [{**front, "parameter": key, **known.get(key, nothing)} for key in trial.model.keys]
 
 
 def trials(seed: int) -> Iterator[Trial]:

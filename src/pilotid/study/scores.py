@@ -152,8 +152,12 @@ def score(measured: DataFrame) -> DataFrame:
             keys, front = parameters_of(cell), {"scenario": name, "method": method}
             columns = {column: cell[column].to_numpy() for column in USED}
             columns["recording"] = cell.replication.factorize()[0]
-            whole = {(ALL, ALL): np.ones(len(cell), dtype=bool)}
-            for (stratum, value), chosen in (whole | _chosen(cell, parts)).items():
+            chosen_of = {(ALL, ALL): np.ones(len(cell), dtype=bool)}
+            for stratum, labels in parts.items():
+                label_of = cell.replication.map(labels)
+                for value in sorted(labels.unique(), key=_in_order):
+                    chosen_of[stratum, value] = np.asarray(label_of == value)
+            for (stratum, value), chosen in chosen_of.items():
                 chosen_columns = {column: values[chosen] for column, values in columns.items()}
                 part = front | {"stratum": stratum, "value": value}
                 rows += [part | scores for scores in _scores_of(chosen_columns, keys, str(name))]
@@ -165,17 +169,6 @@ USED = (
     *("parameter", "first", "tried", "usable", "posterior", "warned", "population", "truth"),
     *("bound", "value", "std_error", "seconds", "excess", "error", "z", "ratio", "hit", "loss"),
 )
-
-
-def _chosen(
-    cell: DataFrame, parts: dict[str, dict[str, frozenset[int]]]
-) -> dict[tuple[str, str], BoolArray]:
-    """Which rows are of each part of a population."""
-    return {
-        (stratum, value): np.asarray(cell.replication.isin(members))
-        for stratum, values in parts.items()
-        for value, members in values.items()
-    }
 
 
 def _scores_of(columns: dict[str, Any], keys: list[str], name: str) -> Iterator[dict[str, Any]]:
@@ -275,10 +268,10 @@ def loss_ratios(first: DataFrame, second: DataFrame) -> DataFrame:
 # ------------------------------------------------------------------------------------ strata
 
 
-def strata_of(scenario: DataFrame) -> dict[str, dict[str, frozenset[int]]]:
-    """Replications of a population by the value of each fact, by the fact's name.
+def strata_of(scenario: DataFrame) -> dict[str, Series]:
+    """The part of a population that each replication is in, by the fact that divides it.
 
-    Facts that vary in steps have a stratum for each value; remnant level and length are
+    Facts that vary in steps have a part for each value; remnant level and length are
     divided into thirds of the recordings.
 
     Parameters
@@ -287,7 +280,7 @@ def strata_of(scenario: DataFrame) -> dict[str, dict[str, frozenset[int]]]:
         The frame's rows of a population.
     """
     facts = scenario[scenario.model != ""].drop_duplicates("replication").set_index("replication")
-    words = {
+    return {
         "model": facts.model,
         "element": facts.element.fillna("?").astype(str),
         "remnant": facts.remnant.fillna("?").astype(str),
@@ -297,13 +290,6 @@ def strata_of(scenario: DataFrame) -> dict[str, dict[str, frozenset[int]]]:
         "run-in": facts.run_in.map("{:.0f} s".format),
         "runs": facts.runs.map(lambda runs: "1 run" if runs == 1 else f"{runs:.0f} runs"),
         "forcing": facts.forcing.fillna("?").astype(str),
-    }
-    return {
-        name: {
-            value: frozenset(labels.index[labels == value])
-            for value in sorted(labels.unique(), key=_in_order)
-        }
-        for name, labels in words.items()
     }
 
 
@@ -503,14 +489,12 @@ def skewed_t(error: float, deviation: float, skew: float, count: int) -> float:
     error
         Mean less the value that is tested.
     deviation, skew, count
-        Standard deviation, skewness and number of the values.
+        Standard deviation, which is positive, skewness and number of the values.
 
     References
     ----------
     P. Hall, *On the removal of skewness by transformation*, J. R. Statist. Soc. B 54(1) 1992.
     """
-    if not deviation > 0.0:
-        return math.copysign(math.inf, error) if error else 0.0
     share = error / deviation
     corrected = share + skew * share**2 / 3.0 + skew**2 * share**3 / 27.0 + skew / (6.0 * count)
     return math.sqrt(count) * corrected
@@ -602,10 +586,8 @@ def coverage_interval(share: float, count: int) -> tuple[float, float]:
     share
         Share of the intervals that held the truth.
     count
-        Number of intervals.
+        Number of intervals, at least one.
     """
-    if count == 0:
-        return math.nan, math.nan
     z = Z95
     centre = (share + z**2 / (2 * count)) / (1.0 + z**2 / count)
     reach = z * math.sqrt(share * (1.0 - share) / count + z**2 / (4 * count**2))

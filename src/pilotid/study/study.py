@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,11 +29,12 @@ from pilotid.study.run import (
 )
 from pilotid.study.table import OF_METHODS, OF_SCENARIOS, Comparison, Entry, Fit, Store
 from pilotid.support.disk import make_folder
+from pilotid.support.format import with_bar
 from pilotid.support.jobs import TIME_LIMIT, about_this, run_tasks
 from pilotid.support.naming import code_digest, labelled, packed, to_jsonable
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.store import Key
-from pilotid.support.types import InputError, reason
+from pilotid.support.types import InputError, reason, several
 
 
 def method_entry(method: Method, position: int = 0, typed: str = "", label: str = "") -> Entry:
@@ -95,10 +95,6 @@ def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") ->
     return Entry(name, *entry, about, model, family, population, remnant)
 
 
-#: Shows results as they come: the results, and how many there will be.
-Bar = Callable[..., Iterable[Fit]]
-
-
 class Profile(NamedTuple):
     """Scenarios, replications of each, and methods, where the user names none."""
 
@@ -117,7 +113,6 @@ PROFILES = {
 }
 
 
-@dataclass(init=False)
 class Study:
     """What is to be compared.
 
@@ -133,12 +128,6 @@ class Study:
         The methods' labels, which identify them in tables and in the store.
     """
 
-    scenarios: tuple[AnyScenario, ...]
-    methods: tuple[Method, ...]
-    replications: int
-    seed: int
-    labels: tuple[str, ...] = field(init=False, repr=False, compare=False)
-
     def __init__(
         self,
         scenarios: Iterable[AnyScenario | str],
@@ -148,9 +137,9 @@ class Study:
     ) -> None:
         typed = [
             (scenario_named(given), given) if isinstance(given, str) else (given, "")
-            for given in _each(scenarios)
+            for given in several(scenarios)
         ]
-        tried = [labelled_method(given) for given in _each(methods)]
+        tried = [labelled_method(given) for given in several(methods)]
         self.labels = tuple(label for label, *_ in tried)
         _require_different("scenarios", [sound(scenario).name for scenario, _ in typed])
         _require_different("methods", self.labels)
@@ -196,16 +185,11 @@ class Study:
         methods = list(map(method_entry, self.methods, count(), self._typed[1], self.labels))
         before = store.about()
         changed = [key for key in about if key in before and before[key] != about[key]]
-        for new, old in (
-            (methods, store.entries(OF_METHODS)),
-            (scenarios, store.entries(OF_SCENARIOS)),
-        ):
-            changed += [
-                e.name
-                for e in new
-                if (known := old.get(e.name))
-                and (known.settings, known.code) != (e.settings, e.code)
-            ]
+        kept = (methods, store.entries(OF_METHODS)), (scenarios, store.entries(OF_SCENARIOS))
+        twins = [
+            (entry, old[entry.name]) for new, old in kept for entry in new if entry.name in old
+        ]
+        changed += [a.name for a, b in twins if (a.settings, a.code) != (b.settings, b.code)]
         if changed:
             raise InputError(
                 f"{store.path}: holds results of other code or settings (different: "
@@ -237,9 +221,7 @@ class Study:
             store.add(fit)
             yield fit
 
-    def run_in(
-        self, folder: Path, workers: int | None = None, bar: Bar = lambda results, total: results
-    ) -> Comparison:
+    def run_in(self, folder: Path, workers: int | None = None) -> Comparison:
         """Fit what a folder's store lacks, and return all that it holds then.
 
         Parameters
@@ -248,13 +230,11 @@ class Study:
             Where the store is, or is to be.
         workers
             Processes; None for one for each processor.
-        bar
-            Shows results as they come.
         """
         make_folder(folder)
         with Store(folder, create=True) as store:
             pending = self.enter(store)
-            for _ in bar(self.run(store, pending, workers), total=len(pending)):
+            for _ in with_bar(self.run(store, pending, workers), "fits", len(pending)):
                 pass
             return store.comparison()
 
@@ -290,11 +270,6 @@ def labelled_method(given: Method | str) -> tuple[str, Method, str]:
     named = re.fullmatch(r"(\w[\w.+-]{0,60})=(.+)", given, re.ASCII | re.DOTALL)
     method = method_named(named[2] if named else given)
     return named[1] if named else label_of(method), method, given
-
-
-def _each(given: Any) -> list[Any]:
-    """Several, or one that the caller did not put into a list."""
-    return list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
 
 
 def _require_different(what: str, names: Sequence[str]) -> None:

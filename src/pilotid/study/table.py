@@ -5,12 +5,10 @@ No verdict depends on what else a study or a report holds.
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -26,7 +24,6 @@ from pilotid.support.types import InputError
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-LARGEST_SETTING = 1e300  # number among the settings
 #: Facts on the draw of a population by which its recordings are divided: words, and numbers.
 WORDS = ("element", "remnant", "forcing")
 NUMBERS = ("remnant_level", "dt", "duration", "run_in", "runs")
@@ -157,14 +154,6 @@ class Entry:
     def one_recording(self) -> bool:
         """Whether all fits are of the same recording, so that means say nothing."""
         return self.settings.get("one_recording") is True
-
-    def number(self, path: str) -> float:
-        """A number among the settings, such as ``remnant.level``; NaN if it is not there."""
-        setting: Any = self.settings
-        for name in path.split("."):
-            setting = setting.get(name) if isinstance(setting, Mapping) else None
-        is_number = isinstance(setting, int | float) and not isinstance(setting, bool)
-        return float(setting) if is_number and abs(setting) <= LARGEST_SETTING else math.nan
 
 
 class Store(Rows):
@@ -369,7 +358,7 @@ class Comparison:
         """Write estimates and scores as CSV, numbers with as many digits as restore them.
 
         scores.csv has all scores; summary.csv and population.csv, if there is a population, the
-        commonest of them.  results.parquet is the frame, where pyarrow is installed.
+        commonest of them.
         """
         scores = self.scores.astype({"wrong_optima": object})
         # Where no optimum is known, nobody can say how many are wrong.
@@ -384,10 +373,6 @@ class Comparison:
         for name, table in tables.items():
             if len(table) or name != "population.csv":
                 write_file(folder / name, frame_bytes(table))
-        if find_spec("pyarrow"):
-            stream = io.BytesIO()
-            self.frame.to_parquet(stream, index=False)
-            write_file(folder / "results.parquet", stream.getvalue())
 
 
 def read_study(folder: Path) -> Comparison:

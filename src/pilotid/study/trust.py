@@ -24,15 +24,14 @@ from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import MODELS
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.study.study import Bar, Study
+from pilotid.study.study import Study
 from pilotid.study.table import Comparison, judge
 from pilotid.support.disk import make_folder, strict_json, write_file
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.types import FloatArray, InputError
 
-DEFAULT_METHOD = (
-    "mle"  # fits the recording where nothing else is named, and makes the simulated pilot
-)
+#: Fits the recording where nothing else is named, and makes the simulated pilot.
+DEFAULT_METHOD = "mle"
 COVERED = 0.95
 TRUST = "trust.json"
 #: What no simulation of a fit can tell.
@@ -109,8 +108,6 @@ class Trust:
         known = {}
         model = self.estimate.model
         for q, *limits in zip(self.estimate.parameters, model.lower, model.upper, strict=True):
-            if q.key not in scores.index:
-                continue
             row = scores.loc[q.key]
             good = fits[fits.usable & (fits.parameter == q.key)]
             value, lower, upper = (good[name].to_numpy() for name in ("value", "low", "high"))
@@ -196,7 +193,6 @@ def try_fit(
     replications: int,
     seed: int = DEFAULT_SEED,
     workers: int | None = None,
-    bar: Bar = lambda results, total: results,
 ) -> Trust:
     """Fit a recording, and compare methods on simulations of the fit.
 
@@ -212,8 +208,6 @@ def try_fit(
         Simulations, and the seed of all random numbers.
     workers
         Processes; None for one for each processor.
-    bar
-        Shows results as they come: the results, and how many there will be.
 
     Raises
     ------
@@ -236,7 +230,7 @@ def try_fit(
         origin = [str(path)]
     study = Study(origin, named or list(METHODS.values()), replications, seed)
     label = label_of(named[0]) if named else DEFAULT_METHOD
-    comparison = study.run_in(folder, workers, bar)
+    comparison = study.run_in(folder, workers)
     trust = Trust(recording.source, estimate, label, simulated.specification, comparison)
     comparison.write(folder)
     write_file(path, strict_json({**trust.to_dict(), **facts}).encode())

@@ -184,8 +184,6 @@ class Table(NamedTuple):
         What it shows.
     heads
         How many columns in front say what a row is about.
-    hints
-        By title, what it means.
     marks
         By title, how good the value of each row is, which a page colours: ``good``, ``partly``,
         ``poor``, ``bad`` or nothing.
@@ -196,7 +194,6 @@ class Table(NamedTuple):
     numeric: tuple[bool, ...]
     caption: str = ""
     heads: int = 1
-    hints: Mapping[str, str] = {}
     marks: Mapping[str, Sequence[str]] = {}
 
 
@@ -207,7 +204,6 @@ def table(
     forms: Mapping[str, Callable[..., str]] | None = None,
     *,
     heads: int = 1,
-    hints: Mapping[str, str] | None = None,
     marks: Mapping[str, Sequence[str]] | None = None,
 ) -> Table:
     """A table to show: values as text, without columns that say nothing.
@@ -225,7 +221,7 @@ def table(
         arguments.  Columns without one hold words.
     heads
         How many columns in front say what a row is about.
-    hints, marks
+    marks
         See `Table`.
     """
     known = forms or {}
@@ -241,7 +237,6 @@ def table(
         tuple(title in known for title in compress(columns, kept)),
         caption,
         heads,
-        hints or {},
         marks or {},
     )
 

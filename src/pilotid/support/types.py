@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,3 +57,8 @@ class InputError(ValueError):
 
     def __init__(self, sentence: str) -> None:
         super().__init__(printable(sentence))
+
+
+def several(given: Any) -> list[Any]:
+    """A list of things, also of one that the caller did not put into a list."""
+    return [given] if isinstance(given, str) or not isinstance(given, Iterable) else [*given]
