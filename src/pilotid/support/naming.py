@@ -14,6 +14,7 @@ import copyreg
 import dataclasses
 import hashlib
 import importlib
+import inspect
 import io
 import math
 import os
@@ -359,23 +360,33 @@ def code_digest(thing: object) -> str:
     Raises
     ------
     InputError
-        If it is of a class that was typed in, as in a notebook: nobody could tell later whether
-        it has changed.
+        If it is of a class that was typed in where nobody can read it again.
     """
     sources: dict[Path, bytes] = {}
     todo: list[Path] = []
     for kind in _pickled(thing)[1]:
         module = sys.modules.get(kind.__module__)
         if module is not None and kind.__module__.partition(".")[0] not in KNOWN:
-            todo.append(Path(getattr(module, "__file__", None) or ""))
-            if not todo[-1].is_file():
-                raise InputError(f"{kind.__qualname__}: was typed in; write it to a file")
+            if (file := Path(getattr(module, "__file__", None) or "")).is_file():
+                todo.append(file)
+            else:
+                sources[Path(kind.__qualname__)] = _typed_in(kind)
     while todo:
         file = todo.pop()
         if file not in sources:
             sources[file] = file.read_bytes()
             todo += _imported_beside(file)
     return digest_of(source for _, source in sorted(sources.items())) if sources else ""
+
+
+def _typed_in(kind: type | FunctionType) -> bytes:
+    """The functions of a class as a notebook keeps them."""
+    functions = [f for f in (kind, *vars(kind).values()) if isinstance(f, FunctionType)]
+    written = [f for f in functions if f.__code__.co_filename != "<string>"]
+    try:
+        return "".join(map(inspect.getsource, written)).encode()
+    except OSError:
+        raise InputError(f"{kind.__qualname__}: was typed in; write it to a file") from None
 
 
 def _imported_beside(file: Path) -> list[Path]:
