@@ -30,7 +30,6 @@ from pilotid.estimate.warnings import looking_ahead, varying
 from pilotid.likelihood.estimates import make_estimate, too_short
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import predict
-from pilotid.likelihood.prepare import Prepared
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.intervals import covariance_of
@@ -146,17 +145,17 @@ class _Output:
     def __init__(self, settings: MMLE3, recording: Recording, model: PilotModel) -> None:
         from scipy.fft import next_fast_len
 
-        prepared = Prepared(recording, model, unscored=0.0)
-        self._settings, self._model, self._dt = settings, model, prepared.dt
-        self.control = prepared.control[:, prepared.first :]
-        self._first = prepared.first
-        self._samples = prepared.inputs[0].shape[1]
+        self._settings, self._model, self._dt = settings, model, recording.dt
+        self._first, self._samples = recording.run_in, recording.u.shape[1]
+        self.control = recording.u[:, self._first :]
+        prediction = predict(recording, model)
+        begin = prediction.first - round(prediction.pre_history / recording.dt)
         # Twice the signals at least, so that the convolution does not wrap around.
         self._length = next_fast_len(2 * self._samples, real=True)
-        self._spectra = [
-            channel.sign * np.fft.rfft(signal, n=self._length)
-            for channel, signal in zip(model.channels, prepared.inputs, strict=True)
-        ]
+        self._spectra = []
+        for spectrum in prediction.spectra:
+            signal = np.fft.irfft(spectrum, n=prediction.length)[:, begin : begin + self._samples]
+            self._spectra.append(np.fft.rfft(signal, n=self._length))
         # A step along one parameter leaves channels that it does not move as they are.
         self._transform = lru_cache(maxsize=2 * len(model.channels))(self._transform_of)
 

@@ -113,10 +113,10 @@ def test_a_recording_without_remnant_gives_the_truth(name: str, own_lags: int) -
     scenario = without_remnant(scenario_named(name))
     estimate = fit_of(SINDy(own_lags=own_lags), scenario)
     assert estimate.outcome is Outcome.CONVERGED
-    assert estimate.values == pytest.approx(scenario.values, rel=5e-3)
+    assert estimate.values == pytest.approx(scenario.values, rel=1.5e-2)
     response = response_of(estimate)
     truth = scenario.model.response(response.omega, scenario.values)
-    assert np.median(np.abs(response.value / truth - 1.0)) < 5e-3
+    assert np.median(np.abs(response.value / truth - 1.0)) < 1e-2
 
 
 @pytest.mark.long

@@ -23,7 +23,7 @@ from pilotid.estimate.estimate import (
 )
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction, predict
-from pilotid.likelihood.prepare import analysis_band, lowpass
+from pilotid.likelihood.prepare import analysis_band, window_of
 from pilotid.likelihood.remnant_models import best_noise_model, filter_of
 from pilotid.likelihood.search import SEARCH_BAND
 from pilotid.model.model import PilotModel
@@ -291,11 +291,10 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
     known = _prediction_errors(estimate, recording, None if estimate.remnant else recording)
     assert known is not None
     prediction, errors, _ = known
-    places = np.round(prediction.time / recording.dt).astype(int) + recording.run_in
+    window = window_of(recording, estimate.model, prediction.band.limit)
     inputs = {}
     for key in dict.fromkeys(channel.on for channel in estimate.model.channels):
-        taps, runs = lowpass(prediction.band.factor), recording.input(key)
-        signal = np.array([np.convolve(run, taps, "same")[places] for run in runs])
+        signal = prediction.samples_of(window.transformed(recording.input(key)))
         inputs[key] = signal - signal.mean(axis=1, keepdims=True)
     return Whitened(prediction.dt, errors, inputs)
 

@@ -9,7 +9,6 @@ nuisance term, which is projected out of both.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
@@ -18,20 +17,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from pilotid.likelihood.band_likelihood import BandTerms, Weighting, group_begins
-from pilotid.likelihood.prepare import (
-    FAR,
-    REACH,
-    Band,
-    Prepared,
-    analysis_band,
-    decimation,
-    derivative,
-    edges,
-    fast_length,
-    half_width,
-    lowpass,
-    pad,
-)
+from pilotid.likelihood.prepare import FAR, REACH, Band, Window, window_of
 from pilotid.model.channel import Changing, Channel
 from pilotid.model.factors import Evaluated, Response
 from pilotid.model.model import PilotModel
@@ -50,20 +36,20 @@ class FineInput:
     ----------
     changing
         What varies.
+    window, ratio
+        Of the band, and number of fine samples for each sample of it.
     signals
         The signed input and its derivatives, shape (order + 1, runs, samples); the samples are
         those of the whole transform, a few for each of its own.
     time
         From the start of the measurement window [s], shape (samples,).
-    smoothing
-        Response of the low-pass filter that all signals pass through at the bins of the
-        transform, over the number of fine samples a sample, shape (bins,).
     """
 
     changing: Changing
+    window: Window
+    ratio: int
     signals: FloatArray
     time: FloatArray
-    smoothing: FloatArray
 
     def modulated(self, values: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Transforms of the modulated input and of its derivatives by what varies.
@@ -85,67 +71,23 @@ class FineInput:
         return replace(self, signals=np.asarray(weights @ self.signals))
 
     def _spectrum(self, signal: FloatArray) -> ComplexArray:
-        bins = self.smoothing.size
-        return np.asarray(np.fft.rfft(signal)[..., :bins] * self.smoothing)
+        return self.window.decimated(np.fft.rfft(signal), self.ratio)
 
 
-def fine_input(
-    recording: Recording,
-    channel: Channel,
-    start: float,
-    span: tuple[int, int, int],
-    band: float | None,
-) -> FineInput:
-    """The input of a channel in fine samples.
-
-    Parameters
-    ----------
-    recording, channel
-        What is prepared.
-    start
-        Time of the first prepared sample [s].
-    span
-        Prepared samples, samples by which they are padded at both ends, and length of the
-        transform.
-    band
-        The analysis band [rad/s], None for the full rate.
-    """
+def fine_input(recording: Recording, channel: Channel, window: Window) -> FineInput:
+    """The input of a channel in fine samples."""
     assert channel.changing is not None
-    count, extension, length = span
-    factor = decimation(recording.dt, band)
+    factor = window.band.factor
     # A change at the highest rate, 100 1/s, has its middle between samples of .02 s.
-    steps = [d for d in range(2, factor + 1) if factor % d == 0 and d * recording.dt <= 0.02 + 1e-9]
+    steps = [d for d in range(1, factor) if factor % d == 0 and d * recording.dt <= 0.02 + 1e-9]
     step = max(steps, default=1)
-    ratio, dt = factor // step, step * recording.dt
-    reach = half_width(channel.derivative, step)
-    recorded = recording.input(channel.on)
-    first = round((start - recording.time[0]) / recording.dt)
-    last = first + (count - 1) * factor
-    # What lies beyond the prepared samples is known as far as the low-pass of those reaches.
-    wanted = math.ceil((lowpass(factor).size - 1) / 2 / step)
-    before = min(wanted, (first - reach) // step)
-    after = min(wanted, (recorded.shape[1] - 1 - reach - last) // step)
-    places = slice(first - before * step, last + after * step + 1, step)
-    given = recorded, channel.derivative, step, recording.dt, places
-    outside = extension * ratio - max(before, after)
-    padded = pad(derivative(*given), edges(*given), outside, dt)
-    whole = np.zeros((recording.runs, length * ratio))
-    lead = extension * ratio - before - outside
-    whole[:, lead : lead + padded.shape[1]] = padded
-    time = start + (np.arange(whole.shape[1]) - extension * ratio) * dt
-    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(whole.shape[1], dt), dtype=float)
-    spectrum = channel.sign * np.fft.rfft(whole)
-    signals = np.array(
-        [
-            np.fft.irfft((1j * omega) ** order * spectrum, n=whole.shape[1])
-            for order in range(channel.changing.order + 1)
-        ]
-    )
-    taps = lowpass(factor)
-    lags = (np.arange(taps.size) - (taps.size - 1) // 2) * recording.dt
-    bins = length // 2 + 1
-    smoothing = np.cos(np.outer(omega[:bins], lags)) @ taps / ratio
-    return FineInput(channel.changing, signals, np.asarray(time), np.asarray(smoothing))
+    ratio = factor // step
+    count, orders = window.length * ratio, range(channel.changing.order + 1)
+    signal = channel.sign * recording.input(channel.on)
+    spectra = [window.spectrum(signal, ratio, channel.derivative + order) for order in orders]
+    signals = np.fft.irfft(np.array(spectra), n=count)
+    time = recording.time[0] + (np.arange(count) * step - window.before) * recording.dt
+    return FineInput(channel.changing, window, ratio, signals, time)
 
 
 #: Largest width of a bin of the binned spectra [rad/s]: a delay of 1 s turns by 20 deg over it.
@@ -154,7 +96,6 @@ MAX_BINNED_WIDTH = 0.35
 CLOSED = {"e": -1.0, "x": 1.0, "ft": 0.0}
 KEPT_SUMS = 2  # of runs, by which a pilot who changes is searched first
 BESIDE = 1.05  # ratio of the time constants of decays about one: it, and its slope
-EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +120,8 @@ class Prediction:
         Index of the first scored sample, and number of scored samples.
     time
         Time of the scored samples [s], shape (scored,).
+    pre_history
+        Time before the first of them from which the inputs are known [s].
     nuisance_poles
         Poles of the nuisance terms e^{pole t} [rad/s]: 0 for an offset, and the model's
         fixed poles for their free decay.
@@ -201,6 +144,7 @@ class Prediction:
     first: int
     scored: int
     time: FloatArray
+    pre_history: float
     nuisance_poles: tuple[float, ...]
     fine: tuple[FineInput | None, ...]
     weighting: Weighting | None
@@ -223,11 +167,6 @@ class Prediction:
         if self.weights is not None:
             return 12  # what a cache holds
         return BLOCK if self.control_spectrum.size < 1 << 16 else 1
-
-    @property
-    def pre_history(self) -> float:
-        """Time before the first scored sample from which the inputs are known [s]."""
-        return max(self.first * self.dt - EXTENSION, 0.0)
 
     def outlasting_lag(self, values: FloatArray) -> float:
         """The slowest lag of a pilot whose free decay outlasts the pre-history [s]; 0 for none.
@@ -385,7 +324,7 @@ class Prediction:
         kept = list(range(len(poles)))
         while kept:
             terms = every[:, kept]
-            weights = np.linalg.solve(terms.T @ terms, terms.T)
+            weights = np.linalg.pinv(terms)  # two decays may be alike
             amplitudes = residual @ weights.T
             left = residual - amplitudes @ terms.T
             variance = np.sum(left**2) / (left.size - amplitudes.size)
@@ -666,39 +605,31 @@ def predict(
     band
         What lies above this frequency [rad/s] is not used; None for the full sampling rate.
     fast
-        Whether the window may end a little earlier, see `Prepared`; else it has whole periods.
+        Whether the window may end a little earlier, see `window_of`; else it has whole periods.
     """
-    prepared = Prepared(recording, model, band, fast=fast)
-    extension = min(round(EXTENSION / prepared.dt), prepared.control.shape[1] - 1)
-    length = fast_length(prepared.control.shape[1] + 2 * extension)
-
-    def transformed(signal: FloatArray, below: FloatArray) -> ComplexArray:
-        return np.fft.rfft(pad(signal, below, extension, prepared.dt), n=length)
-
-    span = (prepared.control.shape[1], extension, length)
+    window = window_of(recording, model, band, fast=fast)
+    dt, first = window.band.dt, window.first * window.band.factor - window.before
     fine = tuple(
-        fine_input(recording, channel, float(prepared.time[0]), span, band)
+        fine_input(recording, channel, window) if channel.changing else None
+        for channel in model.channels
+    )
+    spectra = tuple(
+        np.ones((recording.runs, window.length // 2 + 1), dtype=complex)
         if channel.changing
-        else None
+        else channel.sign * window.transformed(recording.input(channel.on), channel.derivative)
         for channel in model.channels
     )
     return Prediction(
         model=model,
-        band=analysis_band(recording.dt, band),
-        s=np.asarray(2j * np.pi * np.fft.rfftfreq(length, prepared.dt), dtype=complex),
-        spectra=tuple(
-            channel.sign * transformed(signal, below)
-            if varying is None
-            else np.ones((recording.runs, length // 2 + 1), dtype=complex)
-            for channel, signal, below, varying in zip(
-                model.channels, prepared.inputs, prepared.edges, fine, strict=True
-            )
-        ),
-        control_spectrum=transformed(prepared.control, np.zeros((0, 2, recording.runs))),
-        length=length,
-        first=extension + prepared.first,
-        scored=prepared.scored,
-        time=prepared.time[prepared.first : prepared.first + prepared.scored],
+        band=window.band,
+        s=np.asarray(1j * window.step * np.arange(window.length // 2 + 1), dtype=complex),
+        spectra=spectra,
+        control_spectrum=window.transformed(recording.u),
+        length=window.length,
+        first=window.first,
+        scored=window.scored,
+        time=recording.time[0] + first * recording.dt + np.arange(window.scored) * dt,
+        pre_history=first * recording.dt,
         nuisance_poles=(0.0, *model.fixed_poles),
         fine=fine,
         weighting=None,

@@ -1,10 +1,10 @@
-"""Preparation of a recording for prediction: filter, differentiate, decimate.
+"""Preparation of a recording for prediction: the transforms of its signals in an analysis band.
 
-All signals pass through one linear-phase low-pass filter, of which only the valid
-part is kept, and are decimated to the analysis band.  A filter common to all
-signals commutes with a linear time-invariant pilot, so that the model is as true
-of the prepared signals as of the recorded ones.  Derivatives of an input, which
-motion channels act on, are taken in the same step.
+All signals are continued beyond their ends, faded to zero, pass through one linear-phase low-pass
+filter, and are decimated to the band, all of it in their transforms.  A filter common to all
+signals commutes with a linear time-invariant pilot, so that the model is as true of the prepared
+signals as of the recorded ones.  Derivatives of an input, which motion channels act on, are
+products of its transform and s.
 """
 
 from __future__ import annotations
@@ -13,76 +13,36 @@ import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import count
-from math import factorial
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 
-def pad(signal: FloatArray, edges: FloatArray, extension: int, dt: float) -> FloatArray:
-    """Continue a signal beyond both ends, faded to zero.
+def padded(signal: FloatArray, before: int, length: int, extension: int) -> FloatArray:
+    """A signal continued beyond both ends, faded to zero, shape (runs, length).
+
+    Odd reflection, since a jump would ring into the scored part, where whitening magnifies it.
 
     Parameters
     ----------
     signal
         The signal, shape (runs, samples).
-    edges
-        What it is the derivative of, at the first and last sample, from the lowest
-        derivative upwards; shape (derivative, 2, runs), empty for a signal itself.
+    before, length
+        Samples before it, and of the whole.
     extension
-        Samples to add at each end.
-    dt
-        Sampling interval [s].
+        Samples over which it fades out.
     """
-    order = len(edges)
-    # Going back in time, odd derivatives change their sign.
-    signs = (-1.0) ** np.arange(order + 1)
-    lower = signs[:order, None] * edges[:, 0]
-    left = signs[order] * _pad_beyond_end(signs[order] * signal, lower, extension, dt)
-    right = _pad_beyond_end(signal[:, ::-1], edges[:, 1], extension, dt)
-    return np.concatenate([left[:, ::-1], signal, right], axis=1)
-
-
-def _pad_beyond_end(inward: FloatArray, lower: FloatArray, extension: int, dt: float) -> FloatArray:
-    """Continuation of a signal beyond its first sample, in the direction away from it.
-
-    Odd reflection, since a jump would ring into the scored part, where whitening
-    magnifies it.  The continuation of a derivative (an acceleration, say) must moreover
-    bring the signal underneath to rest from where the recording shows it: slow dynamics
-    (canals) would otherwise start from a state that the recording contradicts.
-
-    Parameters
-    ----------
-    inward
-        The signal from its end inwards, shape (runs, samples).
-    lower
-        Lower derivatives at the end, in outward time, shape (derivative, runs).
-    extension
-        Samples to add.
-    dt
-        Sampling interval [s].
-    """
-    time = np.arange(1, extension + 1) * dt
-    span = time[-1] + dt
-    fade = 0.5 * (1.0 + np.cos(np.pi * time / span))
-    outward = (2.0 * inward[:, :1] - inward[:, 1 : extension + 1]) * fade
-    order = len(lower)
-    if order == 0:
-        return np.asarray(outward)
-    # f^(order-j)(span) = sum_i f^(order-j+i)(0) span^i/i! + int (span-t)^(j-1)/(j-1)! f^(order)
-    kernels = np.array([(span - time) ** (j - 1) / factorial(j - 1) for j in range(1, order + 1)])
-    bumps = np.sin(np.pi * time / span) ** 2 * (time / span) ** np.arange(order)[:, None]
-    at_rest = np.zeros((order, inward.shape[0]))
-    for j in range(1, order + 1):
-        start = sum(lower[order - j + i] * span**i / factorial(i) for i in range(j))
-        half = 0.5 * span ** (j - 1) / factorial(j - 1) * inward[:, 0]
-        at_rest[j - 1] = -start - dt * (outward @ kernels[j - 1] + half)
-    weights = np.linalg.solve(dt * kernels @ bumps.T, at_rest)
-    return np.asarray(outward + weights.T @ bumps)
+    fade = 0.5 * (1.0 + np.cos(np.pi * np.arange(1, extension + 1) / (extension + 1)))
+    whole, end = np.zeros((len(signal), length)), before + signal.shape[1]
+    whole[:, before:end] = signal
+    beyond = 2.0 * signal[:, :1] - signal[:, 1 : extension + 1]
+    whole[:, before - extension : before] = (beyond * fade)[:, ::-1]
+    beyond = 2.0 * signal[:, -1:] - signal[:, -2 : -2 - extension : -1]
+    whole[:, end : end + extension] = beyond * fade
+    return whole
 
 
 def fast_length(samples: int) -> int:
@@ -98,156 +58,6 @@ def _is_product(number: int, primes: tuple[int, ...]) -> bool:
         while number % prime == 0:
             number //= prime
     return number == 1
-
-
-MIN_SCORED = 3.0  # seconds that must remain to be scored
-DIFFERENCE_REACH = 12  # samples on either side that a central difference uses
-ATTENUATION = 50.0  # dB, of the low-pass filter
-
-
-def decimation(dt: float, band: float | None) -> int:
-    """Largest whole factor that keeps the band below half the new sampling rate."""
-    return 1 if band is None else max(1, math.floor(math.pi / (band * dt) + 1e-9))
-
-
-class Prepared:
-    """Signals of a recording on the analysis grid: filtered, differentiated, decimated.
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    model
-        Says which inputs, and which derivatives of them, are needed.
-    band
-        Analysis band [rad/s]; None keeps the full sampling rate, unfiltered.
-    unscored
-        Least length of the pre-history [s]; a run-in counts towards it.  None for that which the
-        recording names (`Recording.lead_in`).
-    fast
-        Whether a few of the last samples are left out (at most 4 % of 300, 2.5 % of 500 or more),
-        so that transforms of the window are fast: large prime factors make them slow.
-    """
-
-    def __init__(
-        self,
-        recording: Recording,
-        model: PilotModel,
-        band: float | None = None,
-        unscored: float | None = None,
-        *,
-        fast: bool = False,
-    ) -> None:
-        factor = decimation(recording.dt, band)
-        half = half_width(max(c.derivative for c in model.channels), factor)
-        total = recording.u.shape[1]
-        lead_in = recording.lead_in if unscored is None else unscored
-        first_scored = max(recording.run_in, round(lead_in / recording.dt), half)
-        # At the end as many samples are not scored as a model looks ahead.
-        unseen = round(model.ahead / recording.dt)
-        if total - 1 - half - first_scored - unseen < MIN_SCORED / recording.dt:
-            raise InputError(
-                f"{recording.source}: {total * recording.dt:.3g} s of recording leave less than "
-                f"{MIN_SCORED:g} s to score in the analysis band; "
-                "use a longer recording or a wider band"
-            )
-        scored = (total - 1 - half - first_scored - unseen) // factor + 1
-        if fast and band is not None:
-            scored = next(n for n in range(scored, 0, -1) if _is_product(n, (2, 3, 5, 7, 11)))
-        #: Sampling interval after decimation [s].
-        self.dt = recording.dt * factor
-        #: Index of the first scored sample, and how many there are.
-        self.first, self.scored = (first_scored - half) // factor, scored
-        after = (total - 1 - half - first_scored) // factor
-        start, stop = first_scored - self.first * factor, first_scored + after * factor + 1
-        centres = slice(start, stop, factor)
-        #: Time of the samples [s], shape (samples,).
-        self.time = recording.time[centres]
-        #: The control, shape (runs, samples).
-        self.control = derivative(recording.u, 0, factor, recording.dt, centres)
-        channels = [(recording.input(c.on), c.derivative) for c in model.channels]
-        #: Per channel, its input (or the derivative it acts on), of the same shape.
-        self.inputs = [derivative(*channel, factor, recording.dt, centres) for channel in channels]
-        #: Per channel, the lower derivatives of its input at the first and last sample, from the
-        #: input itself (less its mean) upwards; shape (derivative, 2, runs).
-        self.edges = [edges(*channel, factor, recording.dt, centres) for channel in channels]
-
-
-@lru_cache
-def lowpass(factor: int) -> FloatArray:
-    """Kaiser low-pass with its -6 dB point at half the decimated sampling rate."""
-    if factor == 1:
-        return np.ones(1)
-    cutoff = math.pi / factor  # rad per sample
-    width = 0.35 * cutoff  # of the transition
-    reach = math.ceil((ATTENUATION - 8.0) / (2.285 * width) / 2.0)
-    beta = 0.1102 * (ATTENUATION - 8.7)
-    k = np.arange(-reach, reach + 1)
-    taps = np.sinc(cutoff / np.pi * k) * np.kaiser(k.size, beta)
-    return np.asarray(taps / taps.sum())
-
-
-@lru_cache
-def _difference(order: int) -> FloatArray:
-    """Central difference of the highest accuracy that its length allows, per sample.
-
-    Flat up to about half the Nyquist frequency, where a pilot has no power left.
-    """
-    k = np.arange(-DIFFERENCE_REACH, DIFFERENCE_REACH + 1, dtype=float)
-    # Moments of order j must vanish but for j = order; scaled for conditioning.
-    scaled = k / DIFFERENCE_REACH
-    moments = np.vander(scaled, k.size, increasing=True).T
-    target = np.zeros(k.size)
-    target[order] = math.factorial(order) / DIFFERENCE_REACH**order
-    weights = np.linalg.solve(moments, target)
-    # Exact symmetry, which rounding in the solution misses by a little.
-    return np.asarray(0.5 * (weights + (-1.0) ** order * weights[::-1]))
-
-
-def _kernel(order: int, factor: int) -> FloatArray:
-    """Convolution kernel of a low-pass filter and a derivative, per sample^order."""
-    smoothing = lowpass(factor)
-    return smoothing if order == 0 else np.convolve(smoothing, _difference(order)[::-1])
-
-
-def half_width(order: int, factor: int) -> int:
-    """Samples on either side that a derivative behind the filter of a decimation takes."""
-    return (_kernel(order, factor).size - 1) // 2
-
-
-def derivative(signal: FloatArray, order: int, factor: int, dt: float, places: slice) -> FloatArray:
-    """A derivative of a signal, behind the low-pass filter of a decimation.
-
-    Parameters
-    ----------
-    signal
-        The signal as recorded, shape (runs, samples).
-    order
-        Order of the derivative, 0 for the signal itself.
-    factor, dt
-        Factor of the decimation, and sampling interval of the recording [s].
-    places
-        Which samples of it are wanted.
-    """
-    kernel = _kernel(order, factor) / dt**order
-    if kernel.size == 1:
-        return np.asarray(kernel[0] * signal[:, places])
-    reach = (kernel.size - 1) // 2
-    windows = sliding_window_view(signal, kernel.size, axis=1)
-    # Correlation, so the kernel is turned round.
-    windows = windows[:, places.start - reach : places.stop - reach : places.step]
-    return np.asarray(windows @ kernel[::-1])
-
-
-def edges(signal: FloatArray, order: int, factor: int, dt: float, places: slice) -> FloatArray:
-    """What is below a derivative, at the first and the last sample, shape (order, 2, runs).
-
-    It is `derivative` of the orders below, of the signal less its mean.
-    """
-    centred = signal - signal.mean(axis=1, keepdims=True)
-    ends = slice(places.start, places.stop, places.stop - 1 - places.start)
-    rows = [derivative(centred, lower, factor, dt, ends).T for lower in range(order)]
-    return np.array(rows).reshape(order, 2, len(signal))
 
 
 #: Samples that a whitening filter may reach back, and that one may to whom low frequencies matter.
@@ -274,6 +84,18 @@ def prediction_error_filters(autocovariance: FloatArray) -> FloatArray:
     return taps
 
 
+MIN_SCORED = 3.0  # seconds that must remain to be scored
+EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
+#: Shares of half the sampling rate of a band between which its low-pass filter falls from 1 to 0,
+#: and samples at the end into which it mixes what lies beyond the recording.
+FALLS, MIXED = (0.825, 1.175), 8
+
+
+def decimation(dt: float, band: float | None) -> int:
+    """Largest whole factor that keeps the band below half the new sampling rate."""
+    return 1 if band is None else max(1, math.floor(math.pi / (band * dt) + 1e-9))
+
+
 GRID = 256  # frequencies on which spectra of noise models are integrated
 
 
@@ -291,7 +113,7 @@ class Band:
 
     @property
     def limit(self) -> float | None:
-        """The band as `Prepared` takes it [rad/s]; None for the full sampling rate."""
+        """The band as `predict` takes it [rad/s]; None for the full sampling rate."""
         return None if self.factor == 1 else math.pi / self.dt
 
     @cached_property
@@ -304,6 +126,11 @@ class Band:
         """Maps a spectrum on `omega` to autocovariances, shape (grid, FAR + 1)."""
         return np.asarray(np.cos(np.outer(self.omega * self.dt, np.arange(FAR + 1))) / GRID)
 
+    def lowpass(self, omega: FloatArray) -> FloatArray:
+        """Response of the filter that signals pass before they are decimated [rad/s]."""
+        share = np.interp(omega * self.dt / np.pi, FALLS, (0.0, 1.0))
+        return np.asarray(0.5 + 0.5 * np.cos(np.pi * share))
+
     @cached_property
     def folded(self) -> tuple[FloatArray, FloatArray]:
         """Frequencies that decimation folds into the band, and what maps spectra there.
@@ -313,10 +140,7 @@ class Band:
         if self.factor == 1:
             return self.omega, self.cosines
         omega = np.concatenate([self.omega, 2.0 * np.pi / self.dt - self.omega])
-        taps = lowpass(self.factor)
-        k = np.arange(taps.size) - taps.size // 2
-        power = (np.cos(np.outer(omega * self.recorded_dt, k)) @ taps) ** 2
-        return omega, power[:, None] * np.tile(self.cosines, (2, 1))
+        return omega, self.lowpass(omega)[:, None] ** 2 * np.tile(self.cosines, (2, 1))
 
     def autocovariance(self, power: FloatArray, reach: int) -> FloatArray:
         """Autocovariances up to lag `reach` of spectra (..., n) at all frequencies of `folded`."""
@@ -327,3 +151,102 @@ class Band:
 def analysis_band(dt: float, band: float | None) -> Band:
     """The analysis band up to `band` [rad/s], or all, of a recording sampled every `dt` [s]."""
     return Band(dt, decimation(dt, band))
+
+
+@dataclass(frozen=True)
+class Window:
+    """Where a recording lies among the samples of an analysis band.
+
+    Attributes
+    ----------
+    band
+        The band.
+    before, extension
+        Samples before the recording, and those of them over which signals fade out, as recorded.
+    length
+        Length of transforms, in samples of the band.
+    first, scored
+        Index of the first scored sample, and how many there are, in samples of the band.
+    """
+
+    band: Band
+    before: int
+    extension: int
+    length: int
+    first: int
+    scored: int
+
+    def spectrum(self, signal: FloatArray, ratio: int, order: int = 0) -> ComplexArray:
+        """Transform of a recorded signal, of `ratio` samples for each of the band, (runs, bins).
+
+        What it has above half that sampling rate is left out.
+
+        Parameters
+        ----------
+        signal
+            The signal, shape (runs, samples).
+        ratio
+            A divisor of the band's factor.
+        order
+            Order of the derivative that is meant.
+        """
+        if order:  # a mean has none, and would make one as it fades
+            signal = signal - signal.mean(axis=1, keepdims=True)
+        whole = padded(signal, self.before, self.length * self.band.factor, self.extension)
+        spectrum = np.fft.rfft(whole)[:, : self.length * ratio // 2 + 1]
+        s = 1j * self.step * np.arange(spectrum.shape[1])
+        return np.asarray(spectrum * (ratio / self.band.factor * s**order))
+
+    def decimated(self, spectrum: ComplexArray, ratio: int) -> ComplexArray:
+        """Transform in the band, shape (..., bins), of that of `ratio` samples for each."""
+        if ratio == 1:
+            return spectrum
+        gain = self.band.lowpass(self.step * np.arange(self.length + 1.0)) / ratio
+        passed, bins = spectrum[..., : self.length + 1] * gain, self.length // 2 + 1
+        return np.asarray(passed[..., :bins] + passed[..., : -bins - 1 : -1].conj())
+
+    def transformed(self, signal: FloatArray, order: int = 0) -> ComplexArray:
+        """Transform of a recorded signal, or of a derivative, in the band, shape (runs, bins)."""
+        ratio = min(2, self.band.factor)
+        return self.decimated(self.spectrum(signal, ratio, order), ratio)
+
+    @property
+    def step(self) -> float:
+        """Distance of the bins of transforms [rad/s]."""
+        return 2.0 * math.pi / (self.length * self.band.dt)
+
+
+def window_of(
+    recording: Recording, model: PilotModel, band: float | None, *, fast: bool = False
+) -> Window:
+    """The window of a recording that is scored in an analysis band.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    model
+        As many samples are not scored at the end as it looks ahead.
+    band
+        Analysis band [rad/s]; None keeps the full sampling rate.
+    fast
+        Whether a few of the last samples are left out (at most 4 % of 300, 2.5 % of 500 or more),
+        so that transforms of the window are fast: large prime factors make them slow.
+    """
+    within, total = analysis_band(recording.dt, band), recording.u.shape[1]
+    factor = within.factor
+    first = max(recording.run_in, round(recording.lead_in / recording.dt))
+    unseen = round(model.ahead / recording.dt) + (MIXED * factor if factor > 1 else 0)
+    if total - 1 - first - unseen < MIN_SCORED / recording.dt:
+        raise InputError(
+            f"{recording.source}: {total * recording.dt:.3g} s of recording leave less than "
+            f"{MIN_SCORED:g} s to score in the analysis band; "
+            "use a longer recording or a wider band"
+        )
+    scored = (total - 1 - first - unseen) // factor + 1
+    if fast and band is not None:
+        scored = next(n for n in range(scored, 0, -1) if _is_product(n, (2, 3, 5, 7, 11)))
+    extension = min(round(EXTENSION / recording.dt), total - 1)
+    before = extension + -(extension + first) % factor
+    length = fast_length(math.ceil((before + total + extension) / factor))
+    return Window(within, before, extension, length, (before + first) // factor, scored)
