@@ -44,14 +44,13 @@ import numpy as np
 from pilotid.checks.element_fit import closing_element
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.quantities import AnalysedBand, FrequencyResponse
-from pilotid.estimate.warnings import lines_objection, motionless_input
+from pilotid.estimate.warnings import lines_objection
 from pilotid.likelihood.second_step import second_step
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import minimise, search
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.spectral.equations import Equations, are_pilots, best_pilot
-from pilotid.support.types import ComplexArray
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,7 @@ class Fourier:
             At the forcing lines, ascending.
         """
         coefficients = coefficients_of(recording, model, self.neighbours, self.trend)
-        return _response(coefficients, model, coefficients.first_residuals())
+        return coefficients.answered(model, coefficients.first_residuals())
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Fit the equations at the lines, their leakage and weights in rounds.
@@ -128,7 +127,7 @@ class Fourier:
             settled = bool(step @ information @ step < 1e-3 * len(step))
             if settled:
                 break
-        response = _response(coefficients, model, residuals)
+        response = coefficients.answered(model, residuals)
         estimate = second_step(
             self.name, recording, model, response, rng, problem=problem, known=end
         )
@@ -147,23 +146,6 @@ class Fourier:
             estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=why)
         estimate = replace(estimate, band=AnalysedBand(float(response.omega[-1])))
         return _with_interpolation_error(estimate, coefficients, response)
-
-
-def first_step_of(recording: Recording, model: PilotModel) -> FrequencyResponse | None:
-    """The channels' responses at the forcing lines, None where lines cannot tell them."""
-    fourier = Fourier()
-    if motionless_input(recording, model) or fourier.objection(recording, model):
-        return None
-    return fourier.first_step(recording, model)
-
-
-def _response(
-    coefficients: Coefficients, model: PilotModel, residuals: ComplexArray
-) -> FrequencyResponse:
-    """Responses from the control less its leakage."""
-    answer = coefficients.control[:, : coefficients.lines] - coefficients.leakage(residuals)
-    control = coefficients.at_lines(answer)
-    return coefficients.response(model, control, coefficients.power(residuals))
 
 
 def _with_interpolation_error(

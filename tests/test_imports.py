@@ -62,10 +62,14 @@ def own_modules(path: Path) -> set[str]:
     return found
 
 
+#: Modules that nothing in a package imports.
+AT_THE_DOOR = {"pilotid.api", "pilotid.testing"}
+
+
 def package_of(module: str) -> str:
     """The package, or the module at the top, that a module belongs to."""
     parts = module.split(".")
-    return parts[1] if len(parts) > 1 else "pilotid"
+    return "pilotid" if len(parts) == 1 or module in AT_THE_DOOR else parts[1]
 
 
 def packages_in_order() -> list[str]:
@@ -78,7 +82,7 @@ def packages_in_order() -> list[str]:
 
 ORDER = packages_in_order()
 #: Levels of packages, and pairs of which one imports the other.
-LEVELS, ARROWS_AT_MOST = 10, 99
+LEVELS, ARROWS_AT_MOST = 10, 91
 
 
 def test_the_map_shows_every_package() -> None:

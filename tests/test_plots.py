@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.quantities import FrequencyResponse
-from pilotid.methods.fourier import first_step_of
+from pilotid.likelihood.second_step import first_step_of
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.model import PilotModel
 from pilotid.plots import plots

@@ -31,7 +31,7 @@ from pilotid.experiment.files import Part, in_order
 from pilotid.experiment.results import Content, Fitting, Results, Settings, choices_of, results_of
 from pilotid.likelihood.choice import compare_models, default_candidates
 from pilotid.likelihood.remnant_models import LowPass
-from pilotid.methods.fourier import first_step_of
+from pilotid.likelihood.second_step import first_step_of
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import Reading
 from pilotid.recording.recording import Recording

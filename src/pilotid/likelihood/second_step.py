@@ -22,6 +22,7 @@ import numpy as np
 from pilotid.checks.element_forms import drive_of
 from pilotid.estimate.estimate import Estimate, Outcome, failed, outcome_of
 from pilotid.estimate.quantities import FrequencyResponse, real_parts
+from pilotid.estimate.warnings import lines_objection, motionless_input
 from pilotid.likelihood.estimates import make_estimate, starts_of
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction
@@ -35,12 +36,21 @@ from pilotid.solve.intervals import (
     with_information,
 )  # fmt: skip
 from pilotid.solve.least_squares import Problem, minimise, search
+from pilotid.spectral.coefficients import NEIGHBOURS, TREND, coefficients_of
 from pilotid.support.numbers import Z95, chi_squared_limit
 from pilotid.support.types import FloatArray
 
 #: Combinations of responses whose variance is this far below the largest one are taken for
 #: known by construction only, and left out.
 NEGLIGIBLE = 1e-10
+
+
+def first_step_of(recording: Recording, model: PilotModel) -> FrequencyResponse | None:
+    """The channels' responses at the forcing lines, None where lines cannot tell them."""
+    if motionless_input(recording, model) or lines_objection(recording, model):
+        return None
+    coefficients = coefficients_of(recording, model, NEIGHBOURS, TREND)
+    return coefficients.answered(model, coefficients.first_residuals())
 
 
 class ResponseFit(Problem):

@@ -87,7 +87,7 @@ def describing_function(
     model = estimates[0].model
     axes = new_columns(len(model.channels)) if axes is None else axes
     if isinstance(points, Recording):
-        from pilotid.methods.fourier import first_step_of
+        from pilotid.likelihood.second_step import first_step_of
 
         units, points = units or points.units, first_step_of(points, model)
     omega, banded = np.geomspace(*_shown(estimates, points), POINTS), leading(estimates)

@@ -181,7 +181,7 @@ def figures_of(fit: Fitted) -> Iterator[Figure]:
 
 def _describing_functions(fit: Fitted) -> Iterator[Figure]:
     """The channels of all estimates that have something to show, side by side."""
-    from pilotid.methods.fourier import first_step_of
+    from pilotid.likelihood.second_step import first_step_of
 
     drawn = [e for e in fit.estimates if np.isfinite(e.values).all() or e.frequency_response]
     if not drawn:

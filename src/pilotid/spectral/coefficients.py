@@ -175,6 +175,11 @@ class Coefficients:
             leakage = self.leakage(residuals)
         return np.asarray(residuals)
 
+    def answered(self, model: PilotModel, residuals: ComplexArray) -> FrequencyResponse:
+        """`response` of the control less what these residuals (runs, all) leak to the lines."""
+        control = self.control[:, : self.lines] - self.leakage(residuals)
+        return self.response(model, self.at_lines(control), self.power(residuals))
+
     def response(
         self, model: PilotModel, control: ComplexArray, power: FloatArray
     ) -> FrequencyResponse:
