@@ -9,6 +9,7 @@ before, `evolve` looks for one by differential evolution.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -357,6 +358,12 @@ def _solved(
     matrix: FloatArray, right: FloatArray, damping: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Damped and undamped steps; negative curvature is turned round, so that they descend."""
+    with suppress(np.linalg.LinAlgError):  # more exact than eigenvalues along a flat valley
+        pivots = np.diagonal(np.linalg.cholesky(matrix), axis1=1, axis2=2)
+        if pivots.min() > 1e-6:
+            damped = matrix + damping[:, None, None] * np.eye(right.shape[1])
+            both = np.linalg.solve(np.stack([damped, matrix]), right[:, :, None])[..., 0]
+            return both[0], both[1]
     # A start outside the model's domain has no Hessian; it goes nowhere.
     finite = np.isfinite(matrix).all(axis=(1, 2), keepdims=True)
     eigenvalues, vectors = np.linalg.eigh(np.where(finite, matrix, 0.0))
