@@ -186,24 +186,31 @@ class Window:
         signal
             The signal, shape (runs, samples).
         ratio
-            A divisor of the band's factor.
+            At most the band's factor.
         order
             Order of the derivative that is meant.
         """
         if order:  # a mean has none, and would make one as it fades
             signal = signal - signal.mean(axis=1, keepdims=True)
         whole = padded(signal, self.before, self.length * self.band.factor, self.extension)
-        spectrum = np.fft.rfft(whole)[:, : self.length * ratio // 2 + 1]
-        s = 1j * self.step * np.arange(spectrum.shape[1])
-        return np.asarray(spectrum * (ratio / self.band.factor * s**order))
+        bins = self.length * ratio // 2 + 1
+        spectrum = np.fft.rfft(whole)[:, :bins] * (ratio / self.band.factor)
+        return spectrum * (1j * self.step * np.arange(bins)) ** order if order else spectrum
 
     def decimated(self, spectrum: ComplexArray, ratio: int) -> ComplexArray:
         """Transform in the band, shape (..., bins), of that of `ratio` samples for each."""
         if ratio == 1:
             return spectrum
-        gain = self.band.lowpass(self.step * np.arange(self.length + 1.0)) / ratio
-        passed, bins = spectrum[..., : self.length + 1] * gain, self.length // 2 + 1
-        return np.asarray(passed[..., :bins] + passed[..., : -bins - 1 : -1].conj())
+        passed = spectrum[..., : self.length // 2 + 1] * self._gain[: self.length // 2 + 1] / ratio
+        folded = math.floor(0.5 * FALLS[0] * self.length)  # bins from here on
+        above = slice(self.length - passed.shape[-1] + 1, self.length - folded + 1)
+        passed[..., folded:] += (spectrum[..., above] * self._gain[above] / ratio)[..., ::-1].conj()
+        return passed
+
+    @cached_property
+    def _gain(self) -> FloatArray:
+        """Response of the low-pass filter at twice as many bins as there are in the band."""
+        return self.band.lowpass(self.step * np.arange(self.length + 1.0))
 
     def transformed(self, signal: FloatArray, order: int = 0) -> ComplexArray:
         """Transform of a recorded signal, or of a derivative, in the band, shape (runs, bins)."""
