@@ -104,6 +104,14 @@ def test_two_channels_take_two_forcing_functions(name: str, missing: str) -> Non
     assert ARX().objection(recording, SINGLE) is None
 
 
+@pytest.mark.parametrize(("name", "doubted"), [("single", False), ("disturbance-step", True)])
+def test_without_a_target_every_estimate_is_doubted(name: str, doubted: bool) -> None:
+    recording = recording_of(scenario_named(name))
+    estimate = identify(ARX(), recording, SINGLE, np.random.default_rng(1))
+    said = {(r.code, r.grade) for r in estimate.remarks}
+    assert (("inseparable", "doubt") in said) is doubted
+
+
 def test_a_forcing_function_that_nobody_wrote_down_may_be_there() -> None:
     assert ARX().objection(replace(recording_of(NOMINAL), ft=None, fd=None), MULTI) is None
 

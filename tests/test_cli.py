@@ -237,14 +237,15 @@ def test_several_files_give_a_list_and_joint_gives_one(
     [
         (("--model", "tripl"), ("unknown model 'tripl'", "single, multi")),
         (("--method", "mle-black"), ("unknown method 'mle-black'", "mle-white")),
+        (("--method", "all,mle-black"), ("unknown method 'mle-black'", "mle-white")),
         (("--map", "stick"), ("SIGNAL=NAME",)),
         (("--map", "q=stick"), ("no column 'stick'", "q (extra signal)")),
         (("--map", "u=stick"), ("run.csv", "'stick'")),
         (("--seed", "-1"), ("--seed",)),
         (("--seed", "many"), ("--seed",)),
         (("--sed", "1"), ("--sed", "pilotid fit --help")),
-        (("--json", "none/f.json"), ("none/f.json: is no file in a folder",)),
-        (("--report", "."), (".: is no file in a folder",)),
+        (("--json", "none/f.json"), ("none/f.json: cannot be written",)),
+        (("--report", "."), (".: cannot be written",)),
     ],
     ids=lambda value: "=".join(value) if isinstance(value, tuple) else None,
 )
@@ -252,6 +253,13 @@ def test_bad_options(
     run: Run, simulated: Path, options: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     refused(run("fit", simulated, *options), *words)
+
+
+@pytest.mark.parametrize("text", ["t,e,u,x\n", "t,e,u,x\ns,deg,deg,deg\n", "t,e,u,x\n0,1,2,3\n"])
+def test_a_file_without_samples(run: Run, text: str, tmp_path: Path) -> None:
+    file = tmp_path / "header.csv"
+    file.write_text(text)
+    refused(run("check", file), "header.csv", "at least 10 s")
 
 
 @pytest.mark.parametrize("suffix", [".json", ".csv", ".truth.json"])

@@ -29,6 +29,7 @@ from pilotid.estimate.method import identify
 from pilotid.methods import method_named
 from pilotid.recording.files import load_recording
 from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import known_lines
 from pilotid.support.remarks import codes_of
 from pilotid.support.types import FloatArray
 
@@ -290,18 +291,23 @@ def test_rounding_holds_no_samples_and_lost_ones_are_found() -> None:
     assert "lost-samples" in codes_of(remarks(FAULTS["gap of 1 s, last"](fine, seeded(5))))
 
 
+@pytest.mark.parametrize("cut", [0, 37], ids=["whole periods", "no lines"])
 @pytest.mark.parametrize("number", [2001, 2007, 2011])
-def test_a_right_fit_beside_a_slow_remnant_is_not_said_to_explain_nothing(number: int) -> None:
+def test_a_right_fit_beside_a_slow_remnant_is_not_said_to_explain_nothing(
+    number: int, cut: int
+) -> None:
     rng = np.random.default_rng([1, number])
     drawn = POPULATIONS["population-usual"].drawn(rng)
     remnant = Remnant(order=1, frequency=0.3, level=0.8, level_is="ratio")
     scenario = replace(drawn, remnant=remnant)
-    estimate = identify(
-        method_named("mle"), simulate(scenario, seeded(number)), scenario.model, seeded(number)
-    )
+    recording = simulate(scenario, seeded(number))
+    kept = {name: s[:, : s.shape[1] - cut] for name, s in recording.arrays.items()}
+    recording = recording.with_arrays(kept, lines={})
+    assert bool(known_lines(recording)) is not bool(cut)
+    estimate = identify(method_named("mle"), recording, scenario.model, seeded(number))
     assert np.all(np.abs(estimate.values - scenario.values) < 4.0 * estimate.std_error)
     assert estimate.vaf < 20.0
-    assert "little-explained" not in {r.code for r in estimate.remarks}
+    assert ("little-explained", "wrong") not in {(r.code, r.grade) for r in estimate.remarks}
 
 
 def test_an_unknown_element_is_a_doubt_only_beside_noise() -> None:

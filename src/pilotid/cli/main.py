@@ -70,7 +70,10 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
             command = getattr(getattr(error, "ctx", None), "command_path", "pilotid")
             _end(f"{error.format_message().rstrip('.')}; see {command} --help")
     if status == STOPPED:
-        _end("stopped; the results folder keeps what is done: run the same command again", STOPPED)
+        _end(
+            "stopped; what a study or an analysis has done is kept: run the same command again",
+            STOPPED,
+        )
     raise SystemExit(status or 0)
 
 

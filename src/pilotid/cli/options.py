@@ -144,8 +144,8 @@ TYPED: list[str] = []
 
 def names_of(given: Sequence[str] | None, default: Sequence[str], all_: Sequence[str]) -> list[str]:
     """The names in options that may be repeated, hold several with commas, or say ``all``."""
-    names = [name for text in given or () for name in split_list(text)]
-    return list(all_) if "all" in names else list(dict.fromkeys(names or default))
+    names = [name for text in given or () for name in split_list(text)] or default
+    return list(dict.fromkeys(n for name in names for n in (all_ if name == "all" else [name])))
 
 
 def methods_of(given: Sequence[str] | None, default: Sequence[str]) -> dict[str, Method]:

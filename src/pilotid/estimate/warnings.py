@@ -260,27 +260,31 @@ def explained_of_forced(recording: Recording, estimate: Estimate) -> float | Non
     """Share that a model explains [%] of the control at the lines of the forcing functions.
 
     It is that in its loop with the controlled element, which suppresses a slow remnant, where one
-    is known; None for time-varying pilots, and without lines.
+    is known.  Without lines it is that of all of the control in the loop; None for time-varying
+    pilots, and where there are neither lines nor a loop.
     """
-    lines = [] if estimate.model.changes else list(known_lines(recording).values())
-    if not lines:
+    model, element = estimate.model, closing_element(recording)
+    in_loop = element is not None and not model.no_loop
+    lines = list(known_lines(recording).values())
+    if model.changes or not (lines or in_loop):
         return None
-    used = np.unique(np.concatenate(lines))
+    used = np.unique(np.concatenate(lines)) if lines else np.arange(2, recording.samples // 2)
+    # Nor do what a window cuts off and an offset leak then.
+    taper = np.ones(recording.samples) if lines else np.hanning(recording.samples)
 
-    def at_lines(name: str) -> ComplexArray:
-        return np.asarray(np.fft.rfft(recording.window(recording.input(name)))[:, used])
+    def transformed(name: str) -> ComplexArray:
+        signal = recording.window(recording.input(name))
+        centred = signal - signal.mean(axis=1, keepdims=True)
+        return np.asarray(np.fft.rfft(centred * taper)[:, used])
 
-    control = at_lines("u")
+    control = transformed("u")
     left = control.copy()
-    omega = 2.0 * np.pi / recording.duration * used
-    responses = estimate.model.response(omega, estimate.values)
-    for channel, response in zip(estimate.model.channels, responses, strict=True):
-        left -= channel.sign * response * at_lines(channel.on)
-    element = closing_element(recording)
-    if element is not None and not estimate.model.no_loop:
-        left /= 1.0 + element.response(omega) * sum(
-            pilot_on(estimate.model, omega, estimate.values)
-        )
+    omega = np.asarray(2.0 * np.pi / recording.duration * used, dtype=float)
+    responses = model.response(omega, estimate.values)
+    for channel, response in zip(model.channels, responses, strict=True):
+        left -= channel.sign * response * transformed(channel.on)
+    if element is not None and in_loop:
+        left /= 1.0 + element.response(omega) * sum(pilot_on(model, omega, estimate.values))
     powers = np.sum(np.abs(left) ** 2), np.sum(np.abs(control) ** 2)
     return 100.0 * max(0.0, 1.0 - float(powers[0] / powers[1]))
 

@@ -84,8 +84,8 @@ def load_recording(
     """
     source = path_shown(path)
     file, part = file_and_part(path)
-    read = read_table if _suffix(file, source, READ) in TEXTS else read_arrays
     require_file(file)
+    read = read_table if _suffix(file, source, READ) in TEXTS else read_arrays
     try:
         with np.errstate(all="ignore"):  # files may hold anything
             content = read(file, source, part)

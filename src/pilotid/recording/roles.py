@@ -289,11 +289,11 @@ def _time_base(times: FloatArray | None, stated: Sequence[float], source: str) -
     if times is None:
         dt, negative, reach = stated[0], 0, SNAP
     else:
+        if times.shape[1] < 2:
+            raise InputError(f"{source}: holds {times.shape[1]} samples; at least 10 s are needed")
         if np.all(times[1:, 0] > times[:-1, -1]):  # a clock that runs on from run to run
             times = times - times[:, :1] + times[0, 0]
         t = times[0].astype(float)
-        if t.size < 2:
-            raise InputError(f"{source}: holds {t.size} samples; at least 10 s are needed")
         dt = float(t[-1] - t[0]) / (t.size - 1)
         off = np.abs([t - np.linspace(t[0], t[-1], t.size), *(times[1:] - t)])
         even = (off <= UNEVENNESS * dt).all(axis=1)

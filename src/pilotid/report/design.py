@@ -43,7 +43,7 @@ def sentences(made: Design) -> Sequence[str]:
     crests = ", ".join(f"{name} {new:.2f} ({old:.2f})" for name, (new, old) in made.crest.items())
     return (
         f"Reference: {made.reference.name}, {made.reference.description}; controlled element "
-        f"{made.reference.element.name}; the remnant's power is held.",
+        f"{made.reference.element.name or 'of the fit'}; the remnant's power is held.",
         f"Variances over the reference's: {costs}. Limits reached: "
         f"{', '.join(made.binding) or 'none'}.",
         f"Crest factors, and the reference's: {crests}.",

@@ -295,11 +295,12 @@ def command(study: Comparison) -> str:
     entries = study.methods.items()
     methods = [e.typed or label for label, e in entries if "estimates" not in e.settings]
     imported = dict.fromkeys(f"{e.typed} " for _, e in entries if "estimates" in e.settings)
+    folder = study.folder.name if study.folder.is_absolute() else str(study.folder)
     names = dict.fromkeys(entry.typed or name for name, entry in study.scenarios.items())
     return (
         f"pilotid compare --scenario {quote(','.join(names))} --method {quote(','.join(methods))} "
         f"--replications {study.replications()} --seed {study.about.get('seed', '?')} "
-        f"{''.join(imported)}--out results/compare"
+        f"{''.join(imported)}--out {quote(folder)}"
     )
 
 

@@ -149,7 +149,7 @@ def require_free(
             raise InputError(f"{target}: is read or written already; name another file")
         taken.add(place)
         if target.is_dir() or not (target.exists() or os.access(target.parent, os.W_OK | os.X_OK)):
-            raise InputError(f"{target}: is no file in a folder that can be written; name one")
+            raise InputError(f"{target}: cannot be written; name a file in a folder that is there")
         if not force and target.suffix not in unasked and target.is_file():
             raise InputError(
                 f"{target}: is there already; name another place, or write over it with --force"
