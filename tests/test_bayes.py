@@ -9,10 +9,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pilotid.datasets import SCENARIOS, fixed_tasks, load_task, reference_posterior, simulate
+from pilotid.datasets import (
+    POPULATIONS,
+    SCENARIOS,
+    fixed_tasks,
+    load_task,
+    reference_posterior,
+    simulate,
+)
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import identify
 from pilotid.estimate.quantities import Draws
+from pilotid.likelihood.band_likelihood import most_likely_regression
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.posterior import (
     HalfCauchy,
@@ -23,12 +31,13 @@ from pilotid.likelihood.posterior import (
     priors_of,
 )
 from pilotid.likelihood.prediction import predict
-from pilotid.likelihood.remnant_models import Autoregressive, LowPass, NoiseModel
+from pilotid.likelihood.remnant_models import Autoregressive, LowPass, NoiseModel, are_invertible
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
+from pilotid.study.run import recording_of, scenario_of
 from pilotid.support.numbers import recording_rng
 from pilotid.support.types import FloatArray, InputError
 
@@ -264,3 +273,23 @@ def test_intervals_are_of_the_kind_asked_for() -> None:
     assert (widths[1] <= widths[0] * (1.0 + 1e-9)).all()
     # Lead time is skewed to the right.
     assert shortest.intervals[1, 1] < tails.intervals[1, 1]
+
+
+def test_a_remnant_that_cannot_be_inverted_has_no_density() -> None:
+    """Of this recording such filters have densities far above that of the optimum."""
+    population = POPULATIONS["population-short"]
+    scenario = scenario_of(population, 1, 61)
+    recording = recording_of(population, 1, 61)
+    optimum = maximise_likelihood(recording, scenario.model, np.random.default_rng(1), Bayes())
+    posterior = Posterior(optimum.joint, priors_of(scenario.model, optimum.joint.noise))
+    assert posterior.integrated
+    centre, covariance = posterior.approximation(optimum)
+    points = np.random.default_rng(2).multivariate_normal(centre, covariance, 400)
+    density = posterior.log_density(points)
+    taps, _ = most_likely_regression(
+        posterior.lagged_products(posterior.values(points)), optimum.joint.band_terms
+    )
+    known = are_invertible(taps)
+    assert not known.all()
+    assert not np.isfinite(density[~known]).any()
+    assert density.max() < posterior.log_density(centre[None])[0] + 6.0

@@ -43,7 +43,7 @@ from pilotid.estimate.quantities import Draws
 from pilotid.likelihood.band_likelihood import most_likely_regression
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum
-from pilotid.likelihood.remnant_models import NoiseModel
+from pilotid.likelihood.remnant_models import NoiseModel, are_invertible
 from pilotid.model.factors import Parameter
 from pilotid.model.model import PilotModel
 from pilotid.solve.least_squares import LogTransform
@@ -323,7 +323,9 @@ class Posterior:
     def regressed(self, products: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Whitening filters that suit best, and log-determinants of what was integrated out."""
         if self._terms is not None:
-            return most_likely_regression(products, self._terms)
+            taps, further = most_likely_regression(products, self._terms)
+            # In a band the likelihood of a filter that predicts from samples to come has no bound.
+            return taps, np.where(are_invertible(taps), further, np.nan)
         taps = np.ones(products.shape[:2])
         taps[:, 1:] = -np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])[..., 0]
         sign, log_determinant = np.linalg.slogdet(products[:, 1:, 1:])
