@@ -18,7 +18,7 @@ from pilotid.model.catalogue import fault_of
 from pilotid.model.channel import STEEP
 from pilotid.model.element import parsed_element
 from pilotid.model.factors import Neuromuscular
-from pilotid.model.loops import pilot_on
+from pilotid.model.loops import is_stable, pilot_on
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.roles import listed
@@ -261,12 +261,14 @@ def explained_of_forced(recording: Recording, estimate: Estimate) -> float | Non
 
     It is that in its loop with the controlled element, which suppresses a slow remnant, where one
     is known.  Without lines it is that of all of the control in the loop; None for time-varying
-    pilots, and where there are neither lines nor a loop.
+    pilots, and where there are neither lines nor a stable loop.
     """
     model, element = estimate.model, closing_element(recording)
     in_loop = element is not None and not model.no_loop
     lines = list(known_lines(recording).values())
     if model.changes or not (lines or in_loop):
+        return None
+    if not lines and element is not None and not is_stable(model, estimate.values, element):
         return None
     used = np.unique(np.concatenate(lines)) if lines else np.arange(2, recording.samples // 2)
     # Nor do what a window cuts off and an offset leak then.
