@@ -95,8 +95,7 @@ class Fourier:
         FrequencyResponse
             At the forcing lines, ascending.
         """
-        coefficients = coefficients_of(recording, model, self.neighbours, self.trend)
-        return coefficients.answered(model, coefficients.first_residuals())
+        return coefficients_of(recording, model, self.neighbours, self.trend).answered(model)
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Fit the equations at the lines, their leakage and weights in rounds.

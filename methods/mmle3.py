@@ -121,7 +121,7 @@ class MMLE3:
         covariance = covariance_of(jacobian @ jacobian.T, float(np.mean(residual**2)))
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
-        prediction = predict(recording, model)
+        prediction = output.prediction
         estimate = make_estimate(
             self.name, recording, model, values, covariance, converged=True, prediction=prediction
         )
@@ -148,7 +148,7 @@ class _Output:
         self._settings, self._model, self._dt = settings, model, recording.dt
         self._first, self._samples = recording.run_in, recording.u.shape[1]
         self.control = recording.u[:, self._first :]
-        prediction = predict(recording, model)
+        self.prediction = prediction = predict(recording, model)
         begin = prediction.first - round(prediction.pre_history / recording.dt)
         # Twice the signals at least, so that the convolution does not wrap around.
         self._length = next_fast_len(2 * self._samples, real=True)

@@ -263,15 +263,15 @@ def explained_of_forced(recording: Recording, estimate: Estimate) -> float | Non
     is known.  Without lines it is that of all of the control in the loop; None for time-varying
     pilots, and where there are neither lines nor a stable loop.
     """
-    model, element = estimate.model, closing_element(recording)
-    in_loop = element is not None and not model.no_loop
-    lines = list(known_lines(recording).values())
-    if model.changes or not (lines or in_loop):
+    model = estimate.model
+    if model.changes:
         return None
-    if not lines and element is not None and not is_stable(model, estimate.values, element):
+    element = None if model.no_loop else closing_element(recording)
+    lines = list(known_lines(recording).values())
+    if not lines and (element is None or not is_stable(model, estimate.values, element)):
         return None
     used = np.unique(np.concatenate(lines)) if lines else np.arange(2, recording.samples // 2)
-    # Nor do what a window cuts off and an offset leak then.
+    # A window of no whole periods has ends that leak, unless it is tapered.
     taper = np.ones(recording.samples) if lines else np.hanning(recording.samples)
 
     def transformed(name: str) -> ComplexArray:
@@ -285,7 +285,7 @@ def explained_of_forced(recording: Recording, estimate: Estimate) -> float | Non
     responses = model.response(omega, estimate.values)
     for channel, response in zip(model.channels, responses, strict=True):
         left -= channel.sign * response * transformed(channel.on)
-    if element is not None and in_loop:
+    if element is not None:
         left /= 1.0 + element.response(omega) * sum(pilot_on(model, omega, estimate.values))
     powers = np.sum(np.abs(left) ** 2), np.sum(np.abs(control) ** 2)
     return 100.0 * max(0.0, 1.0 - float(powers[0] / powers[1]))

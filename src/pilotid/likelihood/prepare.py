@@ -36,12 +36,15 @@ def padded(signal: FloatArray, before: int, length: int, extension: int) -> Floa
         Samples over which it fades out.
     """
     fade = 0.5 * (1.0 + np.cos(np.pi * np.arange(1, extension + 1) / (extension + 1)))
+
+    def beyond(inward: FloatArray) -> FloatArray:
+        """What lies before the first sample of a signal, outward."""
+        return np.asarray((2.0 * inward[:, :1] - inward[:, 1 : extension + 1]) * fade)
+
     whole, end = np.zeros((len(signal), length)), before + signal.shape[1]
     whole[:, before:end] = signal
-    beyond = 2.0 * signal[:, :1] - signal[:, 1 : extension + 1]
-    whole[:, before - extension : before] = (beyond * fade)[:, ::-1]
-    beyond = 2.0 * signal[:, -1:] - signal[:, -2 : -2 - extension : -1]
-    whole[:, end : end + extension] = beyond * fade
+    whole[:, before - extension : before] = beyond(signal)[:, ::-1]
+    whole[:, end : end + extension] = beyond(signal[:, ::-1])
     return whole
 
 
@@ -201,9 +204,10 @@ class Window:
         """Transform in the band, shape (..., bins), of that of `ratio` samples for each."""
         if ratio == 1:
             return spectrum
-        passed = spectrum[..., : self.length // 2 + 1] * self._gain[: self.length // 2 + 1] / ratio
+        bins = self.length // 2 + 1
+        passed = spectrum[..., :bins] * self._gain[:bins] / ratio
         folded = math.floor(0.5 * FALLS[0] * self.length)  # bins from here on
-        above = slice(self.length - passed.shape[-1] + 1, self.length - folded + 1)
+        above = slice(self.length - bins + 1, self.length - folded + 1)
         passed[..., folded:] += (spectrum[..., above] * self._gain[above] / ratio)[..., ::-1].conj()
         return passed
 

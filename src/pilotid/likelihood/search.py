@@ -457,15 +457,15 @@ class RemnantChoice:
         self._fits: dict[NoiseModel, Optimum] = {}
         self._exact: set[NoiseModel] = set()
 
-    def quick_fit(self) -> Optimum:
+    def suited_fit(self) -> Optimum:
         """The best of the models that suit what the pilot leaves, as exactly as is compared."""
         return self._adopt(self._best_of(None))
 
     def full_fit(self) -> Optimum:
         """The best of all: its model is chosen anew as the pilot moves, in few rounds."""
-        best = self.quick_fit()
+        best = self.suited_fit()
         for _ in range(0 if self.noise else ROUNDS - 1):
-            before, best = best, self.quick_fit()
+            before, best = best, self.suited_fit()
             if best.joint.noise == before.joint.noise:
                 break
         # Of many long autoregressions the first that suits depends on where the search came from.
@@ -520,7 +520,7 @@ def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     """Choices whose criterion is low on a first look, one of each optimum, best first."""
     if len(choices) == 1:
         return choices
-    firsts = [choice.quick_fit() for choice in choices]
+    firsts = [choice.suited_fit() for choice in choices]
     reached = np.array([first.criterion for first in firsts])
     kept = np.array([first.is_pilot for first in firsts])
     if kept.any():

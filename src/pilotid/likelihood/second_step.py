@@ -49,8 +49,7 @@ def first_step_of(recording: Recording, model: PilotModel) -> FrequencyResponse 
     """The channels' responses at the forcing lines, None where lines cannot tell them."""
     if motionless_input(recording, model) or lines_objection(recording, model):
         return None
-    coefficients = coefficients_of(recording, model, NEIGHBOURS, TREND)
-    return coefficients.answered(model, coefficients.first_residuals())
+    return coefficients_of(recording, model, NEIGHBOURS, TREND).answered(model)
 
 
 class ResponseFit(Problem):

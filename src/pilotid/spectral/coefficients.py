@@ -175,8 +175,14 @@ class Coefficients:
             leakage = self.leakage(residuals)
         return np.asarray(residuals)
 
-    def answered(self, model: PilotModel, residuals: ComplexArray) -> FrequencyResponse:
-        """`response` of the control less what these residuals (runs, all) leak to the lines."""
+    def answered(
+        self, model: PilotModel, residuals: ComplexArray | None = None
+    ) -> FrequencyResponse:
+        """`response` of the control less what these residuals (runs, all) leak to the lines.
+
+        None for `first_residuals`: the response before anything is known of the model.
+        """
+        residuals = self.first_residuals() if residuals is None else residuals
         control = self.control[:, : self.lines] - self.leakage(residuals)
         return self.response(model, self.at_lines(control), self.power(residuals))
 
