@@ -11,9 +11,11 @@ import pytest
 from pilotid.datasets import SCENARIOS, scenario_named, simulate
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.method import identify
-from pilotid.estimate.quantities import Specification
+from pilotid.estimate.quantities import RemnantEstimate, Specification
 from pilotid.methods import method_named
 from pilotid.model.catalogue import MODELS
+from pilotid.spectral.coefficients import NEIGHBOURS, TREND, coefficients_of
+from pilotid.spectral.equations import Equations, smoothed_power
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 
@@ -45,6 +47,23 @@ def test_a_model_that_lacks_a_channel_disagrees(method: str) -> None:
         "against": "fourier",
         "agrees": False,
     }
+
+
+def test_the_power_that_scores_are_weighed_by_is_that_of_the_remnant() -> None:
+    scenario, squares = SCENARIOS["single"], []
+    model, omega = scenario.model, np.geomspace(0.05, 60.0, 500)
+    density = np.abs(scenario.remnant.filter(omega)) ** 2
+    remnant = RemnantEstimate("second-order", {}, 0.2, omega, density)
+    for seed in range(40):
+        recording = simulate(scenario, np.random.default_rng(seed))
+        lines = coefficients_of(recording, model, NEIGHBOURS, TREND)
+        responses = model.response(lines.omega, scenario.values)
+        residuals = lines.residuals(responses)
+        power = smoothed_power(lines, residuals, remnant)
+        rows = Equations(lines, model, power).rows(scenario.values[None])
+        squares.append(np.mean(rows[0, -1] ** 2))
+    error = np.std(squares) / np.sqrt(len(squares))
+    assert abs(np.mean(squares) - 1.0) < 2.5 * error < 0.15
 
 
 def test_without_lines_the_forcing_functions_are_instruments() -> None:

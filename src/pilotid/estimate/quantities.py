@@ -600,7 +600,9 @@ class Specification:
         return {**asdict(self), "agrees": self.agrees}
 
 
-def score_test(score: FloatArray, shares: FloatArray, against: str) -> Specification | None:
+def score_test(
+    score: FloatArray, shares: FloatArray, least: float, against: str
+) -> Specification | None:
     """Hausman's test by independent scores, which have mean zero if an estimate is right.
 
     Parameters
@@ -609,15 +611,15 @@ def score_test(score: FloatArray, shares: FloatArray, against: str) -> Specifica
         Scores in units of what they scatter by at the true parameters, shape (directions,).
     shares
         Share of that variance that is left at the estimate, from 0 to 1, shape (directions,).
+    least
+        Share that is left where the estimate has made use of all: covariances and weights are
+        estimates themselves.
     against
         The method whose equations they are of.
     """
     from scipy.special import fdtrc
 
-    # What the estimate has made use of scatters by less than its share; and the covariance is
-    # itself an estimate, so that no direction scatters by less than a certain part.
-    part = ESTIMATE.covariance
-    scatter = part + (1.0 - part) * np.clip(shares, 0.0, 1.0) ** ESTIMATE.made_use_of
+    scatter = least + np.clip(shares, 0.0, 1.0) ** ESTIMATE.made_use_of
     statistic = float(np.sum(score**2 / scatter))
     if not math.isfinite(statistic):
         return None

@@ -175,7 +175,7 @@ def specification_by_instruments(
     rows = moments.rows(values[None])[0]
     jacobian, score = rows[:-1].T, rows[-1]
     shares, along = np.linalg.eigh(np.eye(score.size) - jacobian @ covariance @ jacobian.T)
-    return score_test(along.T @ score, shares, against)
+    return score_test(along.T @ score, shares, ESTIMATE.least_by_instruments, against)
 
 
 # ---------------------------------------------------------------------- tests of prediction errors

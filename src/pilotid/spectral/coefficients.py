@@ -113,12 +113,19 @@ class Coefficients:
             detrend=none[:, :, None],
         )
 
-    def power(self, residuals: ComplexArray) -> FloatArray:
+    def power(self, residuals: ComplexArray, *, for_weights: bool = True) -> FloatArray:
         """Power of the remnant in the averaged coefficients at the lines, shape (n,).
 
         The bins beside a line tell it.  The differences between runs with that line, which a pilot
         who changes makes larger, scale it; adjacent lines share that factor, which one line
         alone would tell with few degrees of freedom.
+
+        Parameters
+        ----------
+        residuals
+            Residuals at lines and bins, shape (runs, all).
+        for_weights
+            Whether it is raised for what weights that scatter cost.
         """
         runs = len(residuals)
         freedom = np.full(self.lines, float(self.freedom))
@@ -148,7 +155,7 @@ class Coefficients:
             power = np.maximum(power, least)
         # Right weights would do with freedom - 1, which makes the information right on average
         # (for complex normal residuals); estimated ones scatter, and cost as much again.
-        return np.asarray(power * freedom / (freedom - 2.0))
+        return np.asarray(power * freedom / (freedom - 2.0) if for_weights else power)
 
     def residuals(self, responses: ComplexArray) -> ComplexArray:
         """Control less what channels with these responses, (channels, all), make of it."""

@@ -27,6 +27,7 @@ from pilotid.recording.spectra import floors_of
 from pilotid.solve.intervals import covariance_of
 from pilotid.solve.least_squares import Minima, Problem, minimise, search, solve_linear
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
+from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 
@@ -279,7 +280,7 @@ def specification_of(
     lines = coefficients_of(recording, model, NEIGHBOURS, TREND)
     residuals = lines.residuals(model.response(lines.omega, values))
     omega = lines.omega[: lines.lines]
-    power = _smoothed(omega, lines.power(residuals), remnant)
+    power = smoothed_power(lines, residuals, remnant)
     # Lines that the recorder's noise reaches, or a filter, do not count in the estimate either.
     floors = floors_of(recording)
     inputs = tuple(dict.fromkeys(channel.on for channel in model.channels))
@@ -302,18 +303,30 @@ def specification_of(
     root = along[:, known] / np.sqrt(sizes[known])
     variance = root.T @ expected @ root
     shares, turned = np.linalg.eigh(variance)
-    return score_test(turned.T @ root.T @ score, shares, "fourier")
+    return score_test(turned.T @ root.T @ score, shares, ESTIMATE.least_by_lines, "fourier")
 
 
-def _smoothed(omega: FloatArray, power: FloatArray, remnant: RemnantEstimate) -> FloatArray:
-    """The remnant's power at the lines, by the shape of its spectrum.
+def smoothed_power(
+    lines: Coefficients, residuals: ComplexArray, remnant: RemnantEstimate
+) -> FloatArray:
+    """The remnant's power at the lines, shape (n,), by the shape of its spectrum.
 
     The bins beside a line tell it with few degrees of freedom, so that weights scatter.
+
+    Parameters
+    ----------
+    lines, residuals
+        Coefficients, and what a pilot leaves of them, shape (runs, all).
+    remnant
+        Tells the shape.
     """
+    omega, power = lines.omega[: lines.lines], lines.power(residuals, for_weights=False)
     order = np.argsort(omega, kind="stable")
-    shape = np.interp(omega[order], remnant.omega, remnant.density)
-    window = np.ones(min(NEAR, order.size))
-    ratio = np.convolve(power[order] / shape, window, "same")
+    shape = np.interp(omega, remnant.omega, remnant.density)
     smooth = np.empty_like(power)
-    smooth[order] = shape * ratio / np.convolve(np.ones(order.size), window, "same")
+    for place, line in enumerate(order):
+        near = order[max(0, place - NEAR // 2) : place + NEAR // 2 + 1]
+        # Lines of low frequency have bins beside them in common.
+        freedom = lines.freedom * np.unique(lines.beside[near]).size / lines.beside.shape[1]
+        smooth[line] = shape[line] * np.mean(power[near] / shape[near]) * freedom / (freedom - 1.0)
     return smooth

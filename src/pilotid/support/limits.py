@@ -106,10 +106,12 @@ class EstimateLimits(NamedTuple):
     #: (30 s: 12 % of 120 sound fits disagreed; populations of 60 s and more: 2 of 480).
     tested_from: float = 60.0
     score_freedom: float = 30.0  # of the variances of scores (800 sound fits)
-    #: How fast the scatter of scores falls with the share of their variance that the estimate left
-    #: (p of 6,000 sound fits of five scenarios: 2.1 to 6.8 % below .05, .4 to 2.2 % below .01).
-    made_use_of: float = 2.25
-    covariance: float = 0.12  # least variance of a score in units of its own (360 sound fits)
+    #: Power of the share of their variance that the estimate left, by which the scatter of scores
+    #: falls, and least scatter, by lines and by instruments (p of 3,300 sound fits of eleven
+    #: populations and strata: 1.8 to 7.8 % below .05, .3 to 3.4 % below .01).
+    made_use_of: float = 1.25
+    least_by_lines: float = 0.13
+    least_by_instruments: float = 0.04
     dispersed: float = 0.01  # how seldom a constant pilot's scores may count as dispersed
     segment: float = 8.0  # s, of the segments whose scores are compared
     #: Lags over which prediction errors must not be correlated, in samples of a band up to so many
