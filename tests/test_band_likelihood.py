@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from helpers import PILOTS, differences, predict_circular
 
-from pilotid.bounds import View
 from pilotid.datasets import scenario_named, simulate
+from pilotid.datasets.bounds import View
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.population import POPULATIONS
 from pilotid.datasets.scenarios import Scenario

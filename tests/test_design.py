@@ -15,9 +15,9 @@ from helpers import NOMINAL, SINGLE_LOOP, Run
 from scipy.optimize import LinearConstraint, minimize
 
 import pilotid
-from pilotid.bounds import bounds
 from pilotid.checks.element_fit import chosen_element
 from pilotid.datasets import scenario_named
+from pilotid.datasets.bounds import bounds
 from pilotid.datasets.design import (
     LARGEST_SHARE,
     LEAST_SHARE,
@@ -30,13 +30,13 @@ from pilotid.datasets.design import (
     sines_of,
 )
 from pilotid.datasets.experiments import experiment_of
-from pilotid.datasets.named import fitted_scenario
 from pilotid.datasets.signals import Multisine, paper_target
 from pilotid.estimate.method import fit_all
 from pilotid.likelihood.optimum import BARTLETT_SECONDS
 from pilotid.methods import method_named
 from pilotid.model.catalogue import MULTI
 from pilotid.model.element import element_named
+from pilotid.study.trust import fitted_scenario
 from pilotid.support.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical

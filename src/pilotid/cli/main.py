@@ -20,7 +20,7 @@ import typer
 from pilotid import datasets
 from pilotid.checks.element_fit import chosen_element
 from pilotid.cli import options, studies
-from pilotid.datasets.named import fitted_scenario, truth
+from pilotid.datasets.named import truth
 from pilotid.estimate.method import Fitted, Method, fit_all
 from pilotid.estimate.warnings import unrecorded
 from pilotid.methods import METHODS
@@ -181,6 +181,8 @@ def fit(
 
 def _entry(fitted: Fitted) -> dict[str, Any]:
     """A fit as JSON has it, with what would be recorded if it were the truth."""
+    from pilotid.study.trust import fitted_scenario
+
     scenario = fitted_scenario(fitted)
     return fitted.to_dict() | ({"scenario": scenario} if scenario else {})
 

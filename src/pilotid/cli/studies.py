@@ -159,13 +159,13 @@ def compare_studies(first: Path, second: Path) -> None:
 def scenario_like(path: Path, seed: int) -> datasets.Scenario:
     """The scenario of a recording, or the one in a `trust.json`."""
     from pilotid.likelihood.choice import select
-    from pilotid.study.trust import fits_of
+    from pilotid.study.trust import fits_of, scenario_of_estimate
 
     if path.suffix.lower() == ".json":
         return datasets.named.designed_scenario(path)
     recording = load_recording(path)
     model = select(recording, seed=seed).model
-    return datasets.Scenario.from_fit(fits_of(recording, model, seed=seed)[0], recording)
+    return scenario_of_estimate(fits_of(recording, model, seed=seed)[0], recording)
 
 
 def trust(

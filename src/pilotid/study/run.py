@@ -9,9 +9,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from pilotid.bounds import bounds
 from pilotid.checks.checks import remarks
 from pilotid.datasets import Population, Scenario, simulate
+from pilotid.datasets.bounds import bounds
 from pilotid.datasets.experiments import bound_of, experiment_of
 from pilotid.datasets.named import AnyScenario
 from pilotid.estimate.estimate import Estimate, Outcome, failed

@@ -7,7 +7,7 @@ from zlib import crc32
 
 import numpy as np
 
-from pilotid.support.types import InputError
+from pilotid.support.types import FloatArray, InputError
 
 #: Standard deviations on either side of the mean that hold 95 % of a normal distribution.
 Z95 = 1.959963984540054
@@ -47,6 +47,11 @@ def chi_squared_tail(freedom: float, value: float) -> float:
     from scipy.special import chdtrc
 
     return float(chdtrc(freedom, max(value, 0.0)))
+
+
+def rms(signal: FloatArray) -> float:
+    """Root mean square of all samples of a signal."""
+    return float(np.sqrt(np.mean(signal**2)))
 
 
 DEFAULT_SEED = 1
