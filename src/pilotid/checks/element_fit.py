@@ -20,6 +20,8 @@ from pilotid.support.limits import ELEMENT
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray
 
+#: A controlled element as users give it: itself, its text, or nothing.
+GivenElement = ControlledElement | str | None
 #: Where loops cross over [rad/s].
 OMEGA = np.geomspace(0.5, 6.0, 40)
 #: Origins of an element, and their words.
@@ -137,9 +139,7 @@ def _against(element: ControlledElement, explained: float, error: float) -> str:
     return ""
 
 
-def chosen_element(
-    recording: Recording, given: ControlledElement | str | None = None
-) -> ElementChoice:
+def chosen_element(recording: Recording, given: GivenElement = None) -> ElementChoice:
     """The element that the user gives, else that the file names, else that its signals show.
 
     Parameters

@@ -18,7 +18,6 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from pilotid import datasets
-from pilotid.checks.element_fit import chosen_element
 from pilotid.cli import options, studies
 from pilotid.datasets.named import truth
 from pilotid.estimate.method import Fitted, Method, fit_all
@@ -199,14 +198,13 @@ def _fitted(
 
     The first has what was said of models, where there are several or none is named.
     """
-    choice = chosen_element(recording, element)
     if len(named) == 1:
-        return [fit_all(recording, named[0], methods, seed, choice)]
+        return [fit_all(recording, named[0], methods, seed, element)]
     from pilotid.likelihood.choice import select
 
-    fitted = select(choice.named_in(recording), named, seed, fix)
+    fitted = select(options.closed_by(recording, element), named, seed, fix)
     models = named or [fitted.model]
-    first, *rest = [fit_all(recording, model, methods, seed, choice) for model in models]
+    first, *rest = [fit_all(recording, model, methods, seed, element) for model in models]
     compared = tuple(map(asdict, fitted.candidates))
     return [replace(first, choice=fitted.reason, compared=compared), *rest]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -14,7 +14,6 @@ from pilotid.cli import options
 from pilotid.datasets.named import PEOPLE, fetch, recordings_in
 from pilotid.methods import METHODS
 from pilotid.model.catalogue import AUTO, model_named
-from pilotid.model.element import element_named
 from pilotid.recording.files import Reading, load_recording, read_with
 from pilotid.support import disk
 from pilotid.support.format import Line, make_console, show, table, with_bar
@@ -192,8 +191,7 @@ def trust(
 
     disk.require_folder(out, TABLES, read_with(files), force=force)
     (recording,), _ = reading.all(files, joint=len(files) > 1)
-    if element is not None:
-        recording = replace(recording, controlled_element=element_named(element).name)
+    recording = options.closed_by(recording, element)
     chosen = select(recording, seed=seed).model if model == AUTO else model_named(model)
     tried = options.names_of(method, [], list(METHODS))
     trusted = try_fit(recording, chosen, tried, out, replications, seed, workers)

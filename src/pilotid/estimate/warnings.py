@@ -47,7 +47,7 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
         return missing
     for channel in model.channels:
         if (
-            _absent(recording, recording.input("ft"), recording.e)
+            is_absent(recording, recording.input("ft"), recording.e)
             if channel.on == "ft"
             else motionless(recording, channel.on)
         ):
@@ -83,7 +83,7 @@ def shared_signals(recording: Recording, model: PilotModel) -> str | None:
         return one_signal(recording, model)
     if dependent := dependent_signals(model):
         return dependent
-    if recording.fd is not None and not _absent(recording, recording.fd, recording.u):
+    if recording.fd is not None and not is_absent(recording, recording.fd, recording.u):
         return None
     return _alike(model, "no disturbance is recorded")
 
@@ -110,6 +110,13 @@ def varying(model: PilotModel) -> str | None:
     )
 
 
+def element_unknown(recording: Recording) -> str | None:
+    """Why a method that closes the loop cannot treat a recording: nothing tells its element."""
+    if closing_element(recording) is not None:
+        return None
+    return "the controlled element is not known: name it, for example --element 4/s^2"
+
+
 def looking_ahead(model: PilotModel) -> str | None:
     """Why a method of causal systems cannot treat a model: it sees the target ahead."""
     if not model.ahead:
@@ -124,12 +131,18 @@ def one_signal(recording: Recording, model: PilotModel) -> str | None:
     """Why channels on error and output can hardly be told apart: there is no target."""
     if not {channel.on for channel in model.channels} >= {"e", "x"}:
         return None
-    if not _absent(recording, recording.e + recording.x, recording.e):
+    if not is_absent(recording, recording.e + recording.x, recording.e):
         return None
     return _alike(model, "two channels act on one signal, as without a target e = -x")
 
 
-def _absent(recording: Recording, forcing: FloatArray, beside: FloatArray) -> bool:
+def black_box_objection(recording: Recording, model: PilotModel) -> str | None:
+    """Why lagged signals do not tell a pilot: one who changes, looks ahead, or has one input."""
+    unsuited = varying(model) or looking_ahead(model) or dependent_signals(model)
+    return unsuited or one_signal(recording, model)
+
+
+def is_absent(recording: Recording, forcing: FloatArray, beside: FloatArray) -> bool:
     """Whether a forcing function is no more than rounding errors beside another signal."""
     size = np.std(recording.window(beside), axis=1)
     return not np.any(np.std(recording.window(forcing), axis=1) > SIGNAL.motionless_forcing * size)

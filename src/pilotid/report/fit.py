@@ -17,7 +17,6 @@ from pilotid.estimate.method import Fitted
 from pilotid.estimate.quantities import Draws, Quantity, quantity_tables, sampled
 from pilotid.likelihood.estimates import VAF_BAND, simulated_vaf
 from pilotid.likelihood.prediction import predict
-from pilotid.model.element import parsed_element
 from pilotid.plots import plots
 from pilotid.plots.page import Figure, render, save_figures
 from pilotid.plots.plots import corner
@@ -74,7 +73,7 @@ def tables_of(fit: Fitted) -> dict[str, Any]:
         ],
         "tables": quantity_tables([(e.method, e.quantities) for e in known]),
         "held": fit.model.held_words,
-        "element": "" if choice is None else choice.words if loops else choice.why,
+        "element": choice.words if loops else choice.why,
         "loops": quantity_tables(tabled, "loop"),
         "loop_notes": [f"{method}: {note}" for method, loop in loops for note in loop.notes],
     }
@@ -127,11 +126,7 @@ def summary(fit: Fitted) -> str:
 
 
 def figures_of(fit: Fitted) -> Iterator[Figure]:
-    """All figures that a recording's estimates allow, in the order of a page.
-
-    Open loops are drawn with the controlled element of the fit or, where nobody asked for loops,
-    with that which the recording names.
-    """
+    """All figures that a recording's estimates allow, in the order of a page."""
     recording, chosen = fit.recording, leading(fit.estimates)
     if chosen is not None:
         which = "The run" if recording.runs == 1 else f"Run 1 of {recording.runs}"
@@ -146,8 +141,7 @@ def figures_of(fit: Fitted) -> Iterator[Figure]:
     yield from _describing_functions(fit)
     if chosen is None:
         return
-    loop = fit.loop_element
-    plant = loop.element if loop is not None else parsed_element(recording.controlled_element)
+    plant = fit.loop_element.element
     if plant is not None and not chosen.model.no_loop:
         caption = (
             f"Open loops of the pilot ({chosen.method}) with the controlled element "

@@ -342,7 +342,7 @@ def fitted_scenario(fitted: Fitted) -> dict[str, Any] | None:
 
     None where no estimate can be simulated, or where the file cannot hold its scenario.
     """
-    if not known_lines(fitted.recording) or fitted.loop_element is None:
+    if not known_lines(fitted.recording):
         return None
     recording = fitted.loop_element.named_in(fitted.recording)
     for estimate in fitted.estimates:
