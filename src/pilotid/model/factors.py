@@ -229,23 +229,8 @@ class Held(Factor):
         return self.factor.rational([float(v) for v in self._all(values)], pade_order)
 
 
-class Polynomial(Factor):
-    """A polynomial in s, each of whose coefficients is affine in its parameters.
-
-    Such a factor may vary in time: it takes derivatives of the input and has no memory.
-    """
-
-    def coefficients(self, values: Values) -> tuple[FloatArray, ...]:
-        """Coefficients, lowest power of s first, each of the shape of a parameter."""
-        raise NotImplementedError
-
-    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
-        numbers = self.coefficients([np.asarray(value) for value in values])
-        return [float(c) for c in reversed(numbers)], [1.0]
-
-
 @dataclass(frozen=True)
-class Gain(Polynomial):
+class Gain(Factor):
     """A constant gain; its sign belongs to the channel, so it is positive.
 
     Attributes
@@ -276,8 +261,8 @@ class Gain(Polynomial):
     def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
         return values[0], (1.0 / values[0],)
 
-    def coefficients(self, values: Values) -> tuple[FloatArray]:
-        return (values[0],)
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return [float(values[0])], [1.0]
 
 
 @dataclass(frozen=True)
@@ -307,7 +292,7 @@ class TimeFactor(Factor):
 
 
 @dataclass(frozen=True)
-class Lead(TimeFactor, Polynomial):
+class Lead(TimeFactor):
     """First-order lead 1 + T s."""
 
     key: str = "tlead"
@@ -318,8 +303,8 @@ class Lead(TimeFactor, Polynomial):
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return 1.0 + values[0] * s
 
-    def coefficients(self, values: Values) -> tuple[FloatArray, FloatArray]:
-        return np.ones_like(values[0]), values[0]
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return [float(values[0]), 1.0], [1.0]
 
 
 @dataclass(frozen=True)
