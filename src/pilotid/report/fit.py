@@ -212,7 +212,7 @@ def _legend_above(figure: Drawing, columns: int) -> None:
 
 CSV_COLUMNS = (
     *("quantity", "unit", "mean", "std", "equal_tailed_lower", "equal_tailed_upper"),
-    *("highest_density_lower", "highest_density_upper", "effective_size", "r_hat"),
+    *("effective_size", "r_hat"),
 )
 
 
@@ -319,10 +319,10 @@ def write_posterior(folder: Path, fit: Fitted, quantities: Sequence[Quantity]) -
         convergence=convergence_words(draws),
         figures=figures,
     )
-    rows = []
-    for s in quantities:
-        ends = s.lower, s.upper, *s.highest_density
-        rows.append((s.key, s.unit, s.value, s.std_error, *ends, s.effective, s.r_hat))
+    rows = [
+        (s.key, s.unit, s.value, s.std_error, s.lower, s.upper, s.effective, s.r_hat)
+        for s in quantities
+    ]
     contents = {
         "report.html": page.encode("utf-8", "replace"),
         "draws.npy": draws_bytes(draws),
