@@ -194,15 +194,14 @@ class ARX:
         """The lags of all signals, and the structure that is used."""
         dt, inputs = prediction.dt, len(prediction.model.channels)
         low = max(1, math.ceil(self.delays[0] / dt - 1e-9))
+        if self.memory is not None:
+            longest = max(low, math.floor(self.memory / dt + 1e-9))
+            long = Structure(self.long_poles, (longest - low + 1,) * inputs, (low,) * inputs)
+            return _regression(prediction, long), long
         high = max(low, math.floor(self.delays[1] / dt + 1e-9))
-        longest, poles = high + max(self.zeros) - 1, max(self.poles)
-        if self.memory is not None:
-            longest = max(longest, math.floor(self.memory / dt + 1e-9))
-            poles = max(poles, self.long_poles)
-        widest = Structure(poles, (longest - low + 1,) * inputs, (low,) * inputs)
+        lags = high + max(self.zeros) - low
+        widest = Structure(max(self.poles), (lags,) * inputs, (low,) * inputs)
         regression = _regression(prediction, widest)
-        if self.memory is not None:
-            return regression, replace(widest, poles=self.long_poles)
         structures = [
             Structure(p, (z,) * inputs, delays)
             for p in self.poles
