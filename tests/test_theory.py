@@ -20,7 +20,7 @@ from pilotid.likelihood.prepare import Band, decimation
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MULTI
-from pilotid.solve.intervals import hessian_of, sandwich_of
+from pilotid.solve.intervals import hessian_of
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
 
@@ -180,9 +180,3 @@ def test_the_hessian_has_the_curvature_that_the_jacobian_leaves_out() -> None:
         return rows[:, :, None] * rows[:, None, :]
 
     assert hessian_of(gram, np.array([1.5])) == pytest.approx(6.0 * 1.5**2 - 2.0)
-
-
-def test_a_saddle_has_no_sandwich() -> None:
-    assert sandwich_of(np.diag([1.0, -1.0]), np.eye(2)) is None
-    assert sandwich_of(np.ones((2, 2)), np.eye(2)) is None
-    assert sandwich_of(np.diag([2.0, 4.0]), np.eye(2)) == pytest.approx(np.diag([0.25, 0.0625]))

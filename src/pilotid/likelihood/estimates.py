@@ -185,8 +185,8 @@ class WhiteLikelihood:
 def too_short(problem: Likelihood, values: FloatArray) -> tuple[Remark, ...]:
     """A remark where the residual is coloured, with what that does to errors claimed as if white.
 
-    The scores' variance over what it would be of a white residual is that of the errors, as in
-    `pilotid.solve.intervals.sandwich_of`.
+    The scores' variance over what it would be of a white residual is that of the errors, see
+    `pilotid.solve.intervals`.
 
     Parameters
     ----------

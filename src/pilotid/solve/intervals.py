@@ -138,25 +138,6 @@ def _scaled_inverse(
 REACH = 5.0
 
 
-def sandwich_of(curvature: FloatArray, score_covariance: FloatArray) -> FloatArray | None:
-    """The sandwich covariance A^-1 B A^-1, or None if A is not positive definite.
-
-    Parameters
-    ----------
-    curvature
-        A, shape (parameters, parameters).
-    score_covariance
-        B, of the same shape.
-    """
-    inverted = _scaled_inverse(curvature)
-    if inverted is None:
-        return None
-    inverse, scale = inverted
-    half = inverse / scale
-    covariance = half @ score_covariance @ half.T / np.outer(scale, scale)
-    return np.asarray(0.5 * (covariance + covariance.T))
-
-
 def hessian_of(gram: Gram, values: FloatArray, step: float = 1e-4) -> FloatArray:
     """Hessian of half the sum of squares, from differences of its exact gradient.
 
