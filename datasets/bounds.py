@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.model.model import PilotModel
-from pilotid.solve.intervals import covariance_of
+from pilotid.support.numbers import covariance_of
 from pilotid.support.types import ComplexArray, FloatArray
 
 #: Frequencies [rad/s], and error and output there, each of shape (n,).

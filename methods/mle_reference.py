@@ -37,8 +37,9 @@ from pilotid.likelihood.estimates import make_estimate
 from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.intervals import covariance_of, errors_from, profile_intervals, with_information
+from pilotid.solve.intervals import errors_from, profile_intervals, with_information
 from pilotid.solve.least_squares import minimise
+from pilotid.support.numbers import covariance_of
 
 
 @dataclass(frozen=True)

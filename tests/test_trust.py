@@ -114,7 +114,7 @@ def test_what_cannot_be_simulated_is_refused() -> None:
         (replace(estimate, model=ADAPTING), recording, "varies in time"),
         (unstable, recording, "is unstable"),
         (estimate, replace(recording, fd=other), "fd differs from run to run"),
-        (estimate, bare, "no controlled element is known"),
+        (estimate, bare, "the controlled element is not known"),
     ):
         with pytest.raises(InputError, match=words):
             scenario_of_estimate(own, of)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pilotid.checks.checks import motionless
+from pilotid.checks.checks import motionless, remarks
 from pilotid.checks.element_fit import closing_element
 from pilotid.estimate.estimate import Estimate, Outcome, at_bounds
 from pilotid.estimate.quantities import spans_decade
@@ -29,7 +29,7 @@ from pilotid.recording.spectra import (
     told_apart,
 )
 from pilotid.support.limits import ESTIMATE, SIGNAL
-from pilotid.support.remarks import Remark, remark_of
+from pilotid.support.remarks import Remark, codes_of, remark_of
 from pilotid.support.types import ComplexArray, FloatArray
 
 # -------------------------------------------------------------------------------------- objections
@@ -195,19 +195,31 @@ def lines_objection(recording: Recording, model: PilotModel) -> str | None:
 LEFT_OPEN = ("inseparable", "not-determined")
 
 
+LONGEST_TOLD = 300  # characters of remarks that a study keeps of a fit
 ZERO_VAF = 0.05  # %, of a VAF that is shown as 0.0 %
+
+
+def told(recording: Recording, estimate: Estimate) -> str:
+    """What a user would be told against a recording and an estimate, on one line.
+
+    Remarks on the recording come first and begin with ``recording:``, as `pilotid fit` has them.
+    What a sound recording leaves open, such as a gain and a lead that trade off, is left out.
+    """
+    own = [remark for remark in estimate.remarks if codes_of([remark])[0] not in LEFT_OPEN]
+    line = " | ".join([*(f"recording: {remark}" for remark in remarks(recording)), *own])
+    return line if len(line) <= LONGEST_TOLD else f"{line[: LONGEST_TOLD - 4]} ..."
 
 
 def all_remarks(estimate: Estimate, recording: Recording) -> tuple[Remark, ...]:
     """What a user must know of an estimate, also for what the recording lacks."""
     low = estimate.outcome.usable and estimate.vaf < ESTIMATE.least_vaf
-    remarks = remarks_on(estimate, explained_of_forced(recording, estimate) if low else None)
+    said = remarks_on(estimate, explained_of_forced(recording, estimate) if low else None)
     if estimate.outcome is Outcome.NOT_APPLICABLE:
-        return remarks
+        return said
     # Without a target the likelihood can have two optima, which no reported error shows.
     why = shared_signals if is_vague(estimate) else one_signal
     shared = why(recording, estimate.model)
-    return (*remarks, Remark("inseparable", shared, "doubt")) if shared else remarks
+    return (*said, Remark("inseparable", shared, "doubt")) if shared else said
 
 
 def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Remark, ...]:
@@ -216,9 +228,9 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
     `explained` is the share of the control that the model explains [%] where that is known better
     than by the VAF: a slow remnant that the loop suppresses is larger than the control it is in.
     """
-    remarks = [remark_of(remark) for remark in estimate.remarks]
+    own = [remark_of(remark) for remark in estimate.remarks]
     if not estimate.outcome.usable:
-        return tuple(remarks)
+        return tuple(own)
     hidden = (explained or 0.0) >= ESTIMATE.surely_explained
     explained = estimate.vaf if explained is None else explained
     if explained < ESTIMATE.least_vaf:
@@ -227,15 +239,15 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
             "check whether u, e and x belong together (one shifted in time, a wrong name, a wrong "
             "sign), or choose another model"
         )
-        return (*remarks, Remark("little-explained", sentence))
+        return (*own, Remark("little-explained", sentence))
     if estimate.vaf < ZERO_VAF:
         sentence = (
             "the simulated response explains nothing of the control (VAF 0 %): a slow remnant "
             f"hides it{'' if hidden else ', or the model is wrong'}; compare with other methods"
         )
-        remarks.append(Remark("little-explained", sentence, "note" if hidden else "doubt"))
+        own.append(Remark("little-explained", sentence, "note" if hidden else "doubt"))
     return (
-        *remarks,
+        *own,
         *_steps(estimate),
         *_outside_range(estimate),
         *(Remark("inseparable", pair.words) for pair in estimate.inseparable),

@@ -37,11 +37,10 @@ from pilotid.model.loops import is_stable, pilot_on
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
-from pilotid.solve.intervals import covariance_of
 from pilotid.solve.least_squares import Problem
 from pilotid.spectral.equations import specification_of
 from pilotid.support.limits import ESTIMATE, RECORDER
-from pilotid.support.numbers import chi_squared_limit, chi_squared_tail
+from pilotid.support.numbers import chi_squared_limit, chi_squared_tail, covariance_of
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray, IntArray
 

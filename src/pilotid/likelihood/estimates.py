@@ -28,8 +28,9 @@ from pilotid.likelihood.remnant_models import best_noise_model, filter_of
 from pilotid.likelihood.search import SEARCH_BAND
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.intervals import REACH, covariance_of, score_products, with_information
+from pilotid.solve.intervals import REACH, score_products, with_information
 from pilotid.solve.least_squares import Gram, Minima, minimise
+from pilotid.support.numbers import covariance_of
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray, InputError
 

@@ -16,18 +16,20 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.checks.element_fit import closing_element
 from pilotid.datasets import AnyScenario, Scenario
 from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.scenarios import checked
 from pilotid.datasets.signals import Multisine, TabulatedRemnant
 from pilotid.estimate.estimate import Estimate
+from pilotid.estimate.loops import stabilised_element
 from pilotid.estimate.method import Fitted, Method, identify
 from pilotid.estimate.quantities import RemnantEstimate, Specification
+from pilotid.estimate.warnings import element_unknown
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import MODELS
-from pilotid.model.loops import is_stable, pilot_on
+from pilotid.model.element import ControlledElement
+from pilotid.model.loops import pilot_on
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of, known_lines
@@ -298,17 +300,16 @@ def scenario_of_estimate(estimate: Estimate, recording: Recording) -> Scenario:
         from run to run.
     """
     model, source = estimate.model, recording.source
-    element = closing_element(recording)
-    why = ""
+    element: ControlledElement | None = None
     if not estimate.outcome.usable or estimate.remnant is None:
         why = "it has no remnant" if estimate.outcome.usable else estimate.sentence
     elif model.changes or model.extra:
         why = f"model {model.name} varies in time, or acts on more than e, x and ft"
-    elif element is None:
-        why = "no controlled element is known: name it, for example --element 4/s^2"
-    elif not is_stable(model, estimate.values, element):
-        why = f"its loop with {element.name} is unstable: check the signs of the signals"
-    if why or element is None or estimate.remnant is None:
+    else:
+        element = stabilised_element(recording, model, estimate.values)
+        unstable = "its loop with the element is unstable: check the signs of the signals"
+        why = element_unknown(recording) or unstable
+    if element is None or estimate.remnant is None:
         raise InputError(f"{source}: the fit by {estimate.method} cannot be simulated: {why}")
 
     def to_control(omega: FloatArray) -> FloatArray:
