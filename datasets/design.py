@@ -16,7 +16,7 @@ from zlib import crc32
 
 import numpy as np
 
-from pilotid.bounds import View, line_information
+from pilotid.datasets.bounds import View, line_information
 from pilotid.datasets.experiments import experiment_of, inputs_of
 from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.datasets.scenarios import Scenario

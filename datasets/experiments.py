@@ -1,4 +1,4 @@
-"""Bounds of scenarios: exact closed-loop spectra for `pilotid.bounds`, or linearisation.
+"""Bounds of scenarios: exact closed-loop spectra for `pilotid.datasets.bounds`, or linearisation.
 
 A time-varying loop has no spectra.  But the prediction's derivatives by the parameters, at the
 truth and whitened by the remnant's own spectrum, are the information of each recording; its mean
@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pilotid.bounds import Circulation, Experiment, Inputs, gradient_of
+from pilotid.datasets.bounds import Circulation, Experiment, Inputs, gradient_of
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.signals import Multisine, Steps
 from pilotid.datasets.simulation import closed_loop, remnant_shaping, simulate, white_level

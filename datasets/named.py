@@ -13,8 +13,7 @@ from __future__ import annotations
 import csv
 import json
 import os
-from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,14 +25,12 @@ from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.scenarios import DEGREES, SCENARIOS, Scenario, checked
 from pilotid.datasets.signals import Multisine, Remnant, TabulatedRemnant
 from pilotid.datasets.simulation import remnant_ratio
-from pilotid.estimate.method import Fitted
 from pilotid.model.catalogue import MODELS, model_named
 from pilotid.model.element import ControlledElement
 from pilotid.model.loops import margins
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import load_recording
 from pilotid.recording.recording import Recording
-from pilotid.recording.spectra import known_lines
 from pilotid.support.disk import require_file
 from pilotid.support.naming import named, require_name, to_jsonable
 from pilotid.support.types import FloatArray, InputError
@@ -95,22 +92,6 @@ def scenario_json(scenario: Scenario) -> dict[str, Any]:
     for name in ("class", "violation", "family", "start_spread", "one_recording"):
         entry.pop(name)
     return {**entry, "model": scenario.model.name}
-
-
-def fitted_scenario(fitted: Fitted) -> dict[str, Any] | None:
-    """What would be recorded if a fit were the truth, as `scenario_json` has it.
-
-    None where no estimate can be simulated, or where the file cannot hold its scenario.
-    """
-    if not known_lines(fitted.recording) or fitted.loop_element is None:
-        return None
-    recording = fitted.loop_element.named_in(fitted.recording)
-    for estimate in fitted.estimates:
-        # Starts and bounds of the search are none of the pilot's.
-        model = replace(estimate.model, overrides=())
-        with suppress(InputError):
-            return scenario_json(Scenario.from_fit(replace(estimate, model=model), recording))
-    return None
 
 
 def designed_scenario(path: Path) -> Scenario:

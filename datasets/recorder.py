@@ -3,32 +3,24 @@
 All signals pass one anti-alias filter; noise is added to each, a converter rounds it, and a text
 file rounds it again.  A laboratory records the error or makes it of target and output.  Faulty
 recorders filter some signals only, record some late, lose samples, or take them at times that
-jitter.  Below, what scenarios take from a recording: its forcing functions, remnant and recorder.
+jitter.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from pilotid.datasets.signals import Multisine, TabulatedRemnant
-from pilotid.estimate.quantities import RemnantEstimate
 from pilotid.recording.recording import SIGNALS, Recording
-from pilotid.recording.spectra import floors_of, known_lines
-from pilotid.support.types import FloatArray, InputError, IntArray
+from pilotid.support.numbers import rms
+from pilotid.support.types import FloatArray, IntArray
 
 #: A loop is simulated so many times as fast as it is recorded, so that the filter is that of
 #: continuous signals.
 FASTER = 4
-#: rms of the difference of two signals, over their own, up to which they are the same.
-SAME_SIGNAL = 0.02
-RETURN_SECONDS = 5.0  # seconds in which a signal without whole periods returns to where it began
-SMALLEST_LINE = 1e-3  # a line is kept if its amplitude is at least this share of the largest one
-FAINT = 1e-4  # share of a signal's rms below which a recorder's noise is left out
 
 
 @dataclass(frozen=True)
@@ -95,7 +87,7 @@ class Recorder:
             sections = butter(4, self.smoothed, fs=1.0 / (FASTER * loop.dt), output="sos")
             signals = {n: np.asarray(sosfiltfilt(sections, s, axis=1)) for n, s in signals.items()}
         for name, noise in zip(("e", "u", "x"), self.noise, strict=True):
-            drawn = noise * _rms(signals[name]) * rng.standard_normal(signals[name].shape)
+            drawn = noise * rms(signals[name]) * rng.standard_normal(signals[name].shape)
             signals[name] = self._rounded(signals[name] + drawn, in_file=False)
         for name, count in self.late:
             signals[name] = np.roll(signals[name], count, axis=1)
@@ -142,95 +134,3 @@ def drawn_recorder(rng: np.random.Generator) -> Recorder:
         decimals=int(rng.choice([0, 3, 4, 5])),
         makes_error=bool(rng.random() < 0.5),
     )
-
-
-def _rms(signal: FloatArray) -> float:
-    return float(np.sqrt(np.mean(signal**2)))
-
-
-def recorded_forcing(recording: Recording, name: str) -> Multisine | None:
-    """A forcing function of a recording, None where there is none.
-
-    One without whole periods in the window is a sum of sines too, over a period a little longer
-    than the recording.
-
-    Parameters
-    ----------
-    recording
-        The recording; a target that was not recorded is e + x.
-    name
-        ``ft`` or ``fd``.
-
-    Raises
-    ------
-    InputError
-        If it differs from run to run.
-    """
-    signal = recording.input("ft") if name == "ft" else recording.fd
-    if signal is None or _rms(signal) <= 1e-9 * _rms(recording.e if name == "ft" else recording.u):
-        return None
-    mean = np.mean(signal, axis=0)
-    if _rms(signal - mean) > SAME_SIGNAL * _rms(mean):
-        raise InputError(
-            f"{recording.source}: {name} differs from run to run, so that its runs have no common "
-            "scenario; give one run, or runs with the same forcing functions"
-        )
-    if (lines := known_lines(recording).get(name)) is not None:
-        window = mean[recording.run_in :]
-        sines = _sines(window, recording.dt, 0.0, lines)
-        if _rms(sines.at(recording.time) + window.mean() - mean) <= SAME_SIGNAL * _rms(mean):
-            return sines
-    turn = np.linspace(0.0, math.pi, round(RETURN_SECONDS / recording.dt), endpoint=False)[1:]
-    back = mean[-1] + (mean[0] - mean[-1]) * 0.5 * (1.0 - np.cos(turn))
-    return _sines(np.append(mean, back), recording.dt, float(recording.time[0]))
-
-
-def _sines(signal: FloatArray, dt: float, begin: float, lines: IntArray | None = None) -> Multisine:
-    """A sampled period that begins at a time [s], without its mean: at lines, or all that count."""
-    phasors = 2j * np.fft.rfft(signal)[1 : (signal.size + 1) // 2] / signal.size
-    if lines is None:
-        lines = 1 + np.flatnonzero(np.abs(phasors) >= SMALLEST_LINE * np.abs(phasors).max())
-    kept = phasors[lines - 1] * np.exp(-2j * math.pi * lines * begin / (signal.size * dt))
-    size, phase = np.abs(kept).tolist(), np.angle(kept).tolist()
-    return Multisine(tuple(lines.tolist()), tuple(size), tuple(phase), signal.size * dt)
-
-
-def recorded_remnant(
-    remnant: RemnantEstimate, recording: Recording, to_control: Callable[[FloatArray], FloatArray]
-) -> TabulatedRemnant:
-    """The remnant by its estimated spectrum; above the band by that of the recorded control.
-
-    Parameters
-    ----------
-    remnant
-        The estimate.
-    recording
-        The recording.
-    to_control
-        Power of the control for each unit of the remnant's, at frequencies [rad/s].
-    """
-    floors, nyquist = floors_of(recording), 1.001 * math.pi / recording.dt
-    above = floors.omega > remnant.omega[-1]
-    omega = np.concatenate([remnant.omega, floors.omega[above]])
-    beyond = floors.power["u"][above] / to_control(floors.omega[above])
-    density = np.concatenate([remnant.density, beyond])
-    density = np.maximum(density, 1e-12 * density.max())
-    return TabulatedRemnant(
-        omega=(*omega.tolist(), nyquist),
-        density=(*density.tolist(), float(density[-1])),
-        coefficients=len(remnant.parameters),
-        band=float(remnant.omega[-1]),
-    )
-
-
-def recorded_noise(recording: Recording) -> Recorder | None:
-    """A recorder with the floors of e and x; that of u is part of the remnant's spectrum."""
-    floor, nyquist = floors_of(recording).floor, math.pi / recording.dt
-    made = _rms(recording.e + recording.x - recording.input("ft")) < FAINT * _rms(recording.e)
-    made = made and recording.ft is not None
-    error, output = (
-        math.sqrt(floor[name] * nyquist) / max(_rms(getattr(recording, name)), 1e-300)
-        for name in ("e", "x")
-    )
-    noise = (0.0 if made or error < FAINT else error, 0.0, 0.0 if output < FAINT else output)
-    return Recorder(noise=noise, makes_error=made) if any(noise) else None

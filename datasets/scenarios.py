@@ -6,13 +6,11 @@ A new scenario is one entry in `SCENARIOS`; `pilotid.datasets.named` finds it by
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from pilotid.checks.element_fit import closing_element
-from pilotid.datasets.recorder import Recorder, recorded_forcing, recorded_noise, recorded_remnant
+from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.signals import (
     PERIOD,
     Forcing,
@@ -23,13 +21,10 @@ from pilotid.datasets.signals import (
     paper_target,
     white,
 )
-from pilotid.estimate.estimate import Estimate
 from pilotid.model.catalogue import ADAPTING, MULTI, SINGLE
 from pilotid.model.element import ControlledElement, element_named
-from pilotid.model.loops import is_stable, pilot_on
 from pilotid.model.model import PilotModel
-from pilotid.recording.recording import SIGNALS, Recording
-from pilotid.support.naming import name_of
+from pilotid.recording.recording import SIGNALS
 from pilotid.support.types import FloatArray, InputError
 
 #: The pilots of AIAA 2008-7109 with motion (Kvis, tlead, tdvis, Kvest, tdvest, fnm, dnm) and
@@ -159,66 +154,6 @@ class Scenario:
     recorder: Recorder | None = None
     units: tuple[tuple[str, str], ...] = DEGREES
     family: str = ""
-
-    @classmethod
-    def from_fit(cls, estimate: Estimate, recording: Recording) -> Scenario:
-        """The scenario of a recording: what would be recorded if its fit were the truth.
-
-        The forcing functions are those that were recorded, the remnant has the estimated
-        spectrum, and the recorder adds as much to e and x as was found there.
-
-        Parameters
-        ----------
-        estimate
-            A fit whose method estimates the remnant, such as ``mle``.
-        recording
-            The recording that was fitted.
-
-        Raises
-        ------
-        InputError
-            If the fit failed or has no remnant; if the pilot varies in time, no controlled
-            element is known, or the loop of the two is unstable; if the forcing functions differ
-            from run to run.
-        """
-        model, source = estimate.model, recording.source
-        element = closing_element(recording)
-        why = ""
-        if not estimate.outcome.usable or estimate.remnant is None:
-            why = "it has no remnant" if estimate.outcome.usable else estimate.sentence
-        elif model.changes or model.extra:
-            why = f"model {model.name} varies in time, or acts on more than e, x and ft"
-        elif element is None:
-            why = "no controlled element is known: name it, for example --element 4/s^2"
-        elif not is_stable(model, estimate.values, element):
-            why = f"its loop with {element.name} is unstable: check the signs of the signals"
-        if why or element is None or estimate.remnant is None:
-            raise InputError(f"{source}: the fit by {estimate.method} cannot be simulated: {why}")
-
-        def to_control(omega: FloatArray) -> FloatArray:
-            loop = element.response(omega) * sum(pilot_on(model, omega, estimate.values))
-            return np.asarray(1.0 / np.abs(1.0 + loop) ** 2)
-
-        stem = name_of(Path(source).stem).strip(".")
-        return checked(
-            cls(
-                f"like-{stem or 'recording'}"[:100],
-                f"pilots like that of {source}, as {estimate.method} fits it",
-                model,
-                tuple(estimate.values.tolist()),
-                # Methods have to find what the recording does not name.
-                element if recording.controlled_element else replace(element, name=""),
-                recorded_forcing(recording, "ft"),
-                recorded_forcing(recording, "fd"),
-                recorded_remnant(estimate.remnant, recording, to_control),
-                duration=recording.duration,
-                run_in=recording.run_in * recording.dt,
-                dt=recording.dt,
-                runs=recording.runs,
-                recorder=recorded_noise(recording),
-                units=tuple(recording.units.items()),
-            )
-        )
 
     @property
     def values(self) -> FloatArray:

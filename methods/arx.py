@@ -52,7 +52,7 @@ import numpy as np
 
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.quantities import FrequencyResponse
-from pilotid.estimate.warnings import dependent_signals, looking_ahead, varying
+from pilotid.estimate.warnings import black_box_objection, is_absent
 from pilotid.likelihood.prediction import Prediction, predict
 from pilotid.likelihood.second_step import (
     ResponseFit,
@@ -120,19 +120,15 @@ class ARX:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why least squares cannot tell the pilot: no forcing function, or an output at once."""
-        if unsuited := varying(model) or looking_ahead(model) or dependent_signals(model):
+        if unsuited := black_box_objection(recording, model):
             return unsuited
-        signals_used = {c.on for c in model.channels} - {*model.extra}
-        if len(signals_used) > 1:
-            for name, forcing in (
-                ("target", recording.e + recording.x),
-                ("disturbance", recording.fd),
-            ):
-                if forcing is not None and not _moves(recording, forcing):
-                    return (
-                        f"the channels of model {model.name} act on {len(signals_used)} signals, "
-                        f"which takes as many forcing functions, and there is no {name}"
-                    )
+        inputs = {c.on for c in model.channels} - {*model.extra}
+        still = recording.fd is not None and is_absent(recording, recording.fd, recording.u)
+        if len(inputs) > 1 and still:
+            return (
+                f"the channels of model {model.name} act on {len(inputs)} signals, which takes as "
+                "many forcing functions, and there is no disturbance"
+            )
         return output_at_once(recording)
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
@@ -188,7 +184,7 @@ class ARX:
             best = minimise(gram, best, model, tolerance=1e-5).values[:1]
         estimate = second_step(self.name, recording, model, response(best), rng, known=best)
         estimate = against_recording(estimate, prediction, rng)
-        if _moves(recording, recording.e + recording.x):
+        if not is_absent(recording, recording.e + recording.x, recording.e):
             return estimate
         return replace(
             estimate, remarks=(*estimate.remarks, Remark("inseparable", FED_BACK, "doubt"))
@@ -198,15 +194,14 @@ class ARX:
         """The lags of all signals, and the structure that is used."""
         dt, inputs = prediction.dt, len(prediction.model.channels)
         low = max(1, math.ceil(self.delays[0] / dt - 1e-9))
+        if self.memory is not None:
+            longest = max(low, math.floor(self.memory / dt + 1e-9))
+            long = Structure(self.long_poles, (longest - low + 1,) * inputs, (low,) * inputs)
+            return _regression(prediction, long), long
         high = max(low, math.floor(self.delays[1] / dt + 1e-9))
-        longest, poles = high + max(self.zeros) - 1, max(self.poles)
-        if self.memory is not None:
-            longest = max(longest, math.floor(self.memory / dt + 1e-9))
-            poles = max(poles, self.long_poles)
-        widest = Structure(poles, (longest - low + 1,) * inputs, (low,) * inputs)
+        lags = high + max(self.zeros) - low
+        widest = Structure(max(self.poles), (lags,) * inputs, (low,) * inputs)
         regression = _regression(prediction, widest)
-        if self.memory is not None:
-            return regression, replace(widest, poles=self.long_poles)
         structures = [
             Structure(p, (z,) * inputs, delays)
             for p in self.poles
@@ -214,12 +209,6 @@ class ARX:
             for delays in itertools.product(range(low, high + 1), repeat=inputs)
         ]
         return regression, regression.best(structures, 3.0)
-
-
-def _moves(recording: Recording, forcing: FloatArray) -> bool:
-    """Whether a forcing function is more than a constant and rounding errors."""
-    size = max(float(np.max(np.abs(s))) for s in (recording.e, recording.x, forcing))
-    return bool(np.max(np.ptp(forcing, axis=1)) > 1e-9 * size)
 
 
 def _regression(prediction: Prediction, widest: Structure) -> Regression:

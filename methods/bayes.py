@@ -66,8 +66,6 @@ class Bayes(LikelihoodSettings):
     priors
         Pairs of a parameter's key and a prior in the place of the default one: any frozen
         distribution of scipy.stats, truncated at the model's bounds.
-    intervals
-        ``equal-tailed`` or ``highest-density``, the shortest.
     effective
         Effective number of draws that every parameter must have.  With 400 the Monte-Carlo error
         of the ends of intervals is 0.13 standard errors, which costs 0.2 % of coverage.
@@ -78,7 +76,6 @@ class Bayes(LikelihoodSettings):
     likelihood: Literal["remnant", "white"] = "remnant"
     prior: float = 1.0
     priors: tuple[tuple[str, Prior], ...] = ()
-    intervals: Literal["equal-tailed", "highest-density"] = "equal-tailed"
     effective: float = 400.0
     most: int = 1500
 
@@ -118,8 +115,6 @@ class Bayes(LikelihoodSettings):
         )
         pilot = joint.pilot_count
         values = draws.centre[:pilot]
-        highest = self.intervals == "highest-density"
-        intervals = draws.highest_density if highest else draws.equal_tailed
         estimate = make_estimate(
             self.name,
             recording,
@@ -132,7 +127,7 @@ class Bayes(LikelihoodSettings):
         words = (estimate.message, "" if draws.converged else message)
         estimate = replace(
             estimate,
-            intervals=intervals[:pilot],
+            intervals=draws.equal_tailed[:pilot],
             message="; ".join(part for part in words if part),
             draws=draws,
         )

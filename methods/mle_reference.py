@@ -29,17 +29,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.checks.element_fit import closing_element
 from pilotid.estimate.estimate import Estimate, Outcome, failed
-from pilotid.estimate.warnings import varying
+from pilotid.estimate.loops import stabilised_element
+from pilotid.estimate.warnings import element_unknown, varying
 from pilotid.likelihood.diagnostics import Moments, forcing_functions
 from pilotid.likelihood.estimates import make_estimate
 from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
-from pilotid.model.loops import is_stable
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.intervals import covariance_of, errors_from, profile_intervals, with_information
+from pilotid.solve.intervals import errors_from, profile_intervals, with_information
 from pilotid.solve.least_squares import minimise
+from pilotid.support.numbers import covariance_of
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,7 @@ class MLEReference(LikelihoodSettings):
             return f"instruments are e, x and ft, and model {model.name} acts on {model.extra[0]}"
         if not any(np.ptp(signal) > 0.0 for signal in forcing_functions(recording)):
             return "no forcing function is recorded (ft, fd), and instruments are made of them"
-        if closing_element(recording) is None:
-            return "the controlled element is not known: name it, for example --element 4/s^2"
-        return None
+        return element_unknown(recording)
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Solve the moments from the optimum of the likelihood; intervals follow their deviance.
@@ -80,12 +78,11 @@ class MLEReference(LikelihoodSettings):
             Draws the other starts.
         """
         optimum = maximise_likelihood(recording, model, rng, self)
-        element = closing_element(recording)
-        assert element is not None
         instead = () if optimum.is_credible else optimum.lines_pilot
         values = next(iter(instead), optimum.pilot)[None]
-        if not is_stable(model, values[0], element):
-            why = f"the loop of the pilot and {element.name} is unstable: there are no instruments"
+        element = stabilised_element(recording, model, values[0])
+        if element is None:
+            why = "the loop with the controlled element is unstable: there are no instruments"
             return failed(self.name, model, Outcome.NOT_APPLICABLE, why)
         moments = Moments(optimum, recording, element, values[0])
         # The weights of the moments do not move their root, but they say how well it is known.

@@ -32,7 +32,7 @@ from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import predict
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.intervals import covariance_of
+from pilotid.support.numbers import covariance_of
 from pilotid.support.types import ComplexArray, FloatArray
 
 Hold = Literal["zoh", "foh"]

@@ -41,7 +41,7 @@ import numpy as np
 
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.quantities import FrequencyResponse
-from pilotid.estimate.warnings import dependent_signals, looking_ahead, varying
+from pilotid.estimate.warnings import black_box_objection
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.second_step import against_recording, output_at_once, second_step
 from pilotid.model.model import PilotModel
@@ -102,15 +102,7 @@ class SINDy:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why no black box can tell the pilot: the inputs are one signal, or hold the control."""
-        if unsuited := varying(model) or looking_ahead(model) or dependent_signals(model):
-            return unsuited
-        inputs = {c.on for c in model.channels} - {*model.extra}
-        if len(inputs) > 1 and np.std(recording.e + recording.x) < 1e-6 * np.std(recording.e):
-            return (
-                "without a target the error is the output turned round, and a black box cannot "
-                "tell one channel from the other"
-            )
-        return output_at_once(recording)
+        return black_box_objection(recording, model) or output_at_once(recording)
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Find a sparse model, and fit the pilot model to its response.

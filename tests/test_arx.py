@@ -93,7 +93,7 @@ def test_any_channels_will_do(name: str) -> None:
     ("name", "missing"),
     [
         ("target-only", "no disturbance"),
-        ("disturbance-step", "no target"),
+        ("disturbance-step", "without a target"),
     ],
 )
 def test_two_channels_take_two_forcing_functions(name: str, missing: str) -> None:

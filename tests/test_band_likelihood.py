@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from helpers import PILOTS, differences, predict_circular
 
-from pilotid.bounds import View
 from pilotid.datasets import scenario_named, simulate
+from pilotid.datasets.bounds import View, gradient_of
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.population import POPULATIONS
 from pilotid.datasets.scenarios import Scenario
@@ -229,9 +229,12 @@ def test_a_part_of_the_frequencies_is_biased_without_the_loop() -> None:
     def shift(band: float | None) -> float:
         """To first order, in standard errors: of direct prediction errors, for tdvest."""
         view = View(experiment_of(scenario), band)
-        rows = view.rows(view.remnant, scenario.values, 1.0)[:-1]
-        forced = view.rows(view.lines, scenario.values, 0.0)[:-1] / np.sqrt(view.at_lines.density)
-        information = view.samples * view.products(rows, rows)
+        rows, forced = (
+            gradient_of(scenario.model, inputs, scenario.values)
+            for inputs in (view.remnant, view.lines)
+        )
+        forced = forced / np.sqrt(view.at_lines.density)
+        information = view.samples * np.real(rows * view.weights @ rows.conj().T)
         information += 0.5 * scenario.duration / scenario.dt * (forced @ forced.conj().T).real
         # The prediction error is a unit of remnant; what the loop's term takes off is this score.
         score = view.samples * (rows.real @ view.weights)

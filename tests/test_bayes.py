@@ -266,15 +266,6 @@ def test_the_product_of_gain_and_lead_time_comes_from_the_draws() -> None:
     assert estimate.values[0] * estimate.values[1] == pytest.approx(product.value, rel=5e-3)
 
 
-def test_intervals_are_of_the_kind_asked_for() -> None:
-    tails, shortest = fit(Bayes()), fit(Bayes(intervals="highest-density"))
-    assert tails.values.tobytes() == shortest.values.tobytes()
-    widths = [np.ptp(e.intervals, axis=1) for e in (tails, shortest)]
-    assert (widths[1] <= widths[0] * (1.0 + 1e-9)).all()
-    # Lead time is skewed to the right.
-    assert shortest.intervals[1, 1] < tails.intervals[1, 1]
-
-
 def test_a_remnant_that_cannot_be_inverted_has_no_density() -> None:
     """Of this recording such filters have densities far above that of the optimum."""
     population = POPULATIONS["population-short"]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, PILOTS, QUICK, Run, strict, without_remnant
 
-from pilotid.bounds import bounds
 from pilotid.datasets import Scenario, simulate
+from pilotid.datasets.bounds import bounds
 from pilotid.datasets.experiments import experiment_of
 from pilotid.estimate.estimate import Outcome
 from pilotid.estimate.method import Method, identify

@@ -15,9 +15,8 @@ from helpers import NOMINAL, SINGLE_LOOP, Run
 from scipy.optimize import LinearConstraint, minimize
 
 import pilotid
-from pilotid.bounds import bounds
-from pilotid.checks.element_fit import chosen_element
 from pilotid.datasets import scenario_named
+from pilotid.datasets.bounds import bounds
 from pilotid.datasets.design import (
     LARGEST_SHARE,
     LEAST_SHARE,
@@ -30,13 +29,12 @@ from pilotid.datasets.design import (
     sines_of,
 )
 from pilotid.datasets.experiments import experiment_of
-from pilotid.datasets.named import fitted_scenario
 from pilotid.datasets.signals import Multisine, paper_target
 from pilotid.estimate.method import fit_all
 from pilotid.likelihood.optimum import BARTLETT_SECONDS
 from pilotid.methods import method_named
 from pilotid.model.catalogue import MULTI
-from pilotid.model.element import element_named
+from pilotid.study.trust import fitted_scenario
 from pilotid.support.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
@@ -152,8 +150,7 @@ def test_the_reference_is_the_users_own_experiment(tmp_path: Path) -> None:
     target = paper_target().scaled(2.0).with_random_phases(np.random.default_rng(1))
     own = replace(NOMINAL, target=target, runs=2, dt=0.04, units=(("x", "m"),))
     recording = pilotid.simulate(own, 3)
-    element = chosen_element(recording, element_named("4/s^2"))
-    fitted = fit_all(recording, MULTI, {"mle": method_named("mle")}, 1, element)
+    fitted = fit_all(recording, MULTI, {"mle": method_named("mle")}, 1, "4/s^2")
     entry: Any = {**fitted.to_dict(), "scenario": fitted_scenario(fitted)}
     file = tmp_path / "estimates.json"
 

@@ -11,6 +11,7 @@ import pytest
 from helpers import NOMINAL, PILOTS
 from matplotlib.figure import Figure
 
+from pilotid.checks.element_fit import ElementChoice
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimate.estimate import Estimate, Outcome, failed, symmetric_intervals
 from pilotid.estimate.method import Fitted, fit_all
@@ -60,9 +61,9 @@ def estimate(method: str = "mle", model: PilotModel = MULTI, **fields: object) -
 
 def test_a_fit_has_every_figure_that_a_journal_asks_for() -> None:
     fit = fitted("mle")
-    assert "open-loop" not in [f.name for f in figures_of(fit)]
-    named = replace(fit, recording=replace(recording(), controlled_element="4/s^2"))
-    assert [f.name for f in figures_of(named)] == [
+    unknown = replace(fit, loop_element=ElementChoice())
+    assert "open-loop" not in [f.name for f in figures_of(unknown)]
+    assert [f.name for f in figures_of(fit)] == [
         *("time", "describing-function", "open-loop", "remnant", "residual-tests"),
     ]
 

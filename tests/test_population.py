@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pilotid.bounds import bounds
 from pilotid.datasets import POPULATIONS, simulate
+from pilotid.datasets.bounds import bounds
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.population import CROSSOVER, ELEMENTS, RANGES, SENSITIVITY
 from pilotid.datasets.scenarios import SCENARIOS, Scenario

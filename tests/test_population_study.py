@@ -14,8 +14,8 @@ from helpers import rows_of
 from pandas import DataFrame
 
 import pilotid
-from pilotid.bounds import bounds
 from pilotid.datasets import POPULATIONS, simulate
+from pilotid.datasets.bounds import bounds
 from pilotid.datasets.experiments import experiment_of
 from pilotid.estimate.estimate import Estimate, Outcome, symmetric_intervals
 from pilotid.methods.mle_white import MLEWhite

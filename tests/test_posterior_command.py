@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers import SINGLE_LOOP, Run, strict
 
-from pilotid.checks.element_fit import chosen_element
+from pilotid.checks.element_fit import ElementChoice
 from pilotid.datasets import simulate
 from pilotid.estimate.method import fit_all
 from pilotid.methods.bayes import Bayes
@@ -86,7 +86,7 @@ def test_wrong_use_ends_with_a_sentence(run: Run, tmp_path: Path) -> None:
 
 def test_derived_quantities_are_those_of_the_parameters() -> None:
     element = element_named("4/s^2")
-    fit = fit_all(RECORDING, SINGLE, {"bayes": Bayes()}, 1, chosen_element(RECORDING, element))
+    fit = fit_all(RECORDING, SINGLE, {"bayes": Bayes()}, 1, element)
     (estimate,) = fit.estimates
     quantities = {s.key: s for s in quantities_of(fit)}
     target, disturbance = margins(SINGLE, SINGLE_LOOP.values, element)
@@ -101,5 +101,5 @@ def test_derived_quantities_are_those_of_the_parameters() -> None:
         assert abs(spread.value - truth) < 3.5 * spread.std_error, key
         assert spread.lower < spread.value < spread.upper
     assert abs(quantities["VAF"].value - estimate.vaf) < 2.0 * quantities["VAF"].std_error
-    without = {s.key for s in quantities_of(replace(fit, loop_element=None))}
+    without = {s.key for s in quantities_of(replace(fit, loop_element=ElementChoice()))}
     assert "target crossover" not in without

@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, PROGRAM, estimate_at, python, recording_of
 
-from pilotid.checks.checks import remarks
 from pilotid.datasets import scenario_named
+from pilotid.estimate.warnings import LONGEST_TOLD, told
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.study.run import LONGEST_TOLD, run_task, started, told, truths_of
+from pilotid.study.run import run_task, started, truths_of
 from pilotid.study.study import Study, method_entry, scenario_entry
 from pilotid.study.table import OF_FITS, Fit, Store, frame_of, read_study
 from pilotid.support.store import STORE
@@ -195,13 +195,13 @@ def test_what_a_recording_does_not_determine_is_marked() -> None:
 
 def test_a_study_keeps_what_a_user_is_told() -> None:
     sound, fit = recording_of(NOMINAL), estimate_at(NOMINAL.model, NOMINAL.values, np.eye(7))
-    assert told(remarks(sound), fit) == ""
+    assert told(sound, fit) == ""
     drifting = replace(sound, u=sound.u + 0.01 * sound.time)
-    line = told(remarks(drifting), replace(fit, remarks=("mind the gap", "and the step")))
+    line = told(drifting, replace(fit, remarks=("mind the gap", "and the step")))
     assert line.startswith("recording: u drifts by")
     assert "take it out with --detrend | " in line
     assert line.endswith(" | mind the gap | and the step") or line.endswith(" ...")
-    assert len(told(remarks(sound), replace(fit, remarks=("long " * 100,)))) == LONGEST_TOLD
+    assert len(told(sound, replace(fit, remarks=("long " * 100,)))) == LONGEST_TOLD
 
 
 @pytest.mark.numerical

@@ -1,4 +1,4 @@
-"""Bounds, asymptotic bias and sandwich covariance from spectra, against figures and simulation."""
+"""Bounds from spectra, against figures and simulation."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pilotid.bounds import View, bounds, monic, white_limit
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
+from pilotid.datasets.bounds import bounds, monic
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.signals import PERIOD, Remnant, paper_disturbance, paper_target, white
 from pilotid.datasets.simulation import white_level
@@ -20,7 +20,7 @@ from pilotid.likelihood.prepare import Band, decimation
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MULTI
-from pilotid.solve.intervals import hessian_of, sandwich_of
+from pilotid.solve.intervals import hessian_of
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
 
@@ -149,81 +149,6 @@ def test_information_is_what_whitened_recordings_hold() -> None:
     assert deviations(joined) == pytest.approx(deviations(found.low_pass), rel=0.06)
 
 
-# ------------------------------------------------------------- output error, white residual
-
-
-def test_a_white_remnant_is_the_oracle() -> None:
-    experiment = experiment_of(scenario_named("white-remnant"))
-    limit = white_limit(experiment)
-    full = deviations(bounds(experiment).full)
-    # Band-limited sampling is not quite causal for a delay of a fraction of a sample, and
-    # tdvest is 14.5 samples: its sandwich is 1.8 % low, 0.05 % with 14 or 15 samples.
-    assert np.all(np.abs(limit.bias) / TRUTH < 2e-4)
-    assert deviations(limit.claimed) == pytest.approx(full, rel=2e-3)
-    assert deviations(limit.sandwich) == pytest.approx(full, rel=0.02)
-
-
-def test_the_paper_s_biases_have_the_size_and_sign_known() -> None:
-    experiment = experiment_of(with_remnant(Remnant(2, 4.0, 0.7, 0.4)))
-    limit = white_limit(experiment)
-    bias = dict(zip(MULTI.keys, 100.0 * limit.bias / TRUTH, strict=True))
-    assert bias["tdvis"] == pytest.approx(-4.0, abs=1.0)
-    assert bias["tdvest"] == pytest.approx(20.0, abs=2.0)
-    assert bias["fnm"] == pytest.approx(-8.0, abs=1.5)
-    assert bias["Kvest"] == pytest.approx(-17.0, abs=4.0)
-    overconfident = deviations(limit.sandwich) / deviations(limit.claimed)
-    assert np.median(overconfident) > 1.5
-
-
-@pytest.mark.long
-def test_the_limit_is_stationary_in_recordings_and_its_scores_have_the_covariance_stated() -> None:
-    """Gradient and its covariance at the limit, from recordings of 16 periods.
-
-    The one-step shift from the limit, A^-1 times the gradient, must average to zero and
-    scatter as the sandwich says.
-    """
-    periods, replications = 16, 60
-    scenario = with_remnant(Remnant(2, 3.5, 0.7, 0.15, "ratio"), periods)
-    limit = white_limit(experiment_of(scenario))
-    view = View(experiment_of(scenario), None)
-    curvature = hessian_of(
-        lambda sets: np.array([view.mean_products(v) for v in sets]), limit.values
-    )
-    shifts = []
-    for i in range(replications):
-        recording = simulate(scenario, recording_rng(5, scenario.name, i))
-        problem = Likelihood(replace(predict(recording, MULTI), nuisance_poles=()))
-        gram = problem.gram(limit.values[None])[0]
-        shifts.append(np.linalg.solve(curvature, gram[:-1, -1]) / problem.residuals)
-    scatter = np.sqrt(np.diag(limit.sandwich))
-    relative = np.array(shifts) / scatter
-    assert np.all(np.abs(relative.mean(axis=0)) < 3.3 / np.sqrt(replications))
-    assert np.std(relative, axis=0, ddof=1) == pytest.approx(
-        1.0, abs=3.3 / np.sqrt(2.0 * replications)
-    )
-
-
-@pytest.mark.long
-def test_estimates_scatter_around_the_limit_as_the_sandwich_says() -> None:
-    """A remnant whose limit a recording of 8 periods is close to."""
-    replications = 40
-    scenario = with_remnant(Remnant(2, 12.7, 0.26, 0.15, "ratio"), 8)
-    limit = white_limit(experiment_of(scenario))
-    values = np.array(
-        [
-            identify(
-                MLEWhite(), simulate(scenario, recording_rng(1, "long", i)), MULTI, fit_rng(1, "w")
-            ).values
-            for i in range(replications)
-        ]
-    )
-    relative = (values - limit.values) / np.sqrt(np.diag(limit.sandwich))
-    assert np.all(np.abs(relative.mean(axis=0)) < 3.3 / np.sqrt(replications))
-    assert np.std(relative, axis=0, ddof=1) == pytest.approx(
-        1.0, abs=3.3 / np.sqrt(2.0 * replications)
-    )
-
-
 # ------------------------------------------------------------------------ scores, measured
 
 
@@ -255,9 +180,3 @@ def test_the_hessian_has_the_curvature_that_the_jacobian_leaves_out() -> None:
         return rows[:, :, None] * rows[:, None, :]
 
     assert hessian_of(gram, np.array([1.5])) == pytest.approx(6.0 * 1.5**2 - 2.0)
-
-
-def test_a_saddle_has_no_sandwich() -> None:
-    assert sandwich_of(np.diag([1.0, -1.0]), np.eye(2)) is None
-    assert sandwich_of(np.ones((2, 2)), np.eye(2)) is None
-    assert sandwich_of(np.diag([2.0, 4.0]), np.eye(2)) == pytest.approx(np.diag([0.25, 0.0625]))

@@ -23,7 +23,7 @@ from pilotid.methods.mle import MLE
 from pilotid.model.catalogue import ADAPTING
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
-from pilotid.study.trust import length_factor, try_fit
+from pilotid.study.trust import length_factor, scenario_of_estimate, try_fit
 from pilotid.support.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
@@ -45,7 +45,7 @@ def test_simulations_have_the_recorded_variance_and_spectrum_of_the_control(
     noise: NoiseModel,
 ) -> None:
     recording, estimate = fitted(RECORDED, noise)
-    made = Scenario.from_fit(estimate, recording)
+    made = scenario_of_estimate(estimate, recording)
     simulated = [simulate(made, np.random.default_rng(i)) for i in range(30)]
     for name in ("u", "e"):
         every = np.array([power(s, getattr(s, name)) for s in simulated])
@@ -66,7 +66,7 @@ def test_simulations_have_the_recorded_variance_and_spectrum_of_the_control(
 
 def test_forcing_functions_are_as_recorded() -> None:
     recording, estimate = fitted(RECORDED)
-    made = Scenario.from_fit(estimate, recording)
+    made = scenario_of_estimate(estimate, recording)
     assert made.target.lines == NOMINAL.target.lines  # type: ignore[union-attr]
     np.testing.assert_allclose(made.disturbance.at(recording.time), recording.fd[0], atol=1e-9)
     assert (made.dt, made.duration, made.run_in, made.runs) == (0.02, 81.92, 8.0, 2)
@@ -77,7 +77,7 @@ def test_forcing_functions_are_as_recorded() -> None:
 def test_a_target_without_periods_is_recorded_too() -> None:
     step = half_and_half_step(NOMINAL.duration, 2.0)
     recording, estimate = fitted(replace(RECORDED, target=step), LowPass(2))
-    made = Scenario.from_fit(estimate, recording)
+    made = scenario_of_estimate(estimate, recording)
     rest = made.target.at(recording.time) - recording.ft[0]
     assert np.std(rest) < 0.03 * np.std(recording.ft)
     again = simulate(replace(made, runs=1), np.random.default_rng(1))
@@ -87,7 +87,7 @@ def test_a_target_without_periods_is_recorded_too() -> None:
 def test_the_recorder_adds_what_was_found_on_the_output() -> None:
     noisy = replace(RECORDED, recorder=Recorder(noise=(0.0, 0.0, 0.01), makes_error=True))
     recording, estimate = fitted(noisy)
-    recorder = Scenario.from_fit(estimate, recording).recorder
+    recorder = scenario_of_estimate(estimate, recording).recorder
     assert recorder.makes_error
     assert recorder.noise[:2] == (0.0, 0.0)
     assert recorder.noise[2] == pytest.approx(0.01, rel=0.1)
@@ -95,7 +95,7 @@ def test_the_recorder_adds_what_was_found_on_the_output() -> None:
 
 def test_a_scenario_of_a_recording_is_read_again_from_json(tmp_path: Path) -> None:
     recording, estimate = fitted(RECORDED)
-    made = Scenario.from_fit(estimate, replace(recording, units={"u": "V"}))
+    made = scenario_of_estimate(estimate, replace(recording, units={"u": "V"}))
     for own in (made, replace(made, recorder=Recorder(noise=(0.0, 0.0, 0.01)))):
         path = tmp_path / "trust.json"
         path.write_text(json.dumps({"scenario": scenario_json(own)}), encoding="utf-8")
@@ -114,10 +114,10 @@ def test_what_cannot_be_simulated_is_refused() -> None:
         (replace(estimate, model=ADAPTING), recording, "varies in time"),
         (unstable, recording, "is unstable"),
         (estimate, replace(recording, fd=other), "fd differs from run to run"),
-        (estimate, bare, "no controlled element is known"),
+        (estimate, bare, "the controlled element is not known"),
     ):
         with pytest.raises(InputError, match=words):
-            Scenario.from_fit(own, of)
+            scenario_of_estimate(own, of)
 
 
 def test_length_factor_on_numbers_by_hand() -> None:

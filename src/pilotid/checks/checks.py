@@ -21,6 +21,7 @@ from pilotid.recording.recording import ABSENT, Recording, remembered
 from pilotid.recording.spectra import at_lines, known_lines, same_lines, target_lines
 from pilotid.recording.windows import longest_run, of_runs
 from pilotid.support.limits import RECORDER, SIGNAL
+from pilotid.support.numbers import rms
 from pilotid.support.remarks import Remark, gravest_first
 from pilotid.support.types import FloatArray
 
@@ -218,8 +219,8 @@ def not_the_error(recording: Recording) -> Remark | None:
         return _without_target(recording)
     signals = {name: recording.window(getattr(recording, name)) for name in ("e", "x", "ft")}
     e, x, ft = signals.values()
-    rest, size = e - ft + x, _rms(e) or 1.0
-    off, least = _rms(rest) / size, SIGNAL.identity * size
+    rest, size = e - ft + x, rms(e) or 1.0
+    off, least = rms(rest) / size, SIGNAL.identity * size
     if off <= SIGNAL.identity:
         return None
     explained = _explainer(x, ft)
@@ -235,7 +236,7 @@ def not_the_error(recording: Recording) -> Remark | None:
     for name in ("x", "e", "ft"):
         wanted, given = others[name], signals[name]
         factor = float(np.sum(wanted * given) / (np.sum(given**2) or 1.0))
-        fits = factor and explained(wanted - factor * given) <= SIGNAL.identity * _rms(wanted)
+        fits = factor and explained(wanted - factor * given) <= SIGNAL.identity * rms(wanted)
         if fits and abs(factor - 1.0) > SIGNAL.scaled:
             return Remark("wrong-unit", f"e is not ft - x: {_scaled(recording, name, factor)}")
     return Remark(
@@ -249,7 +250,7 @@ def _explainer(*signals: FloatArray) -> Callable[[FloatArray], float]:
     """What gives the rms of what signals, their slopes and a constant explain of another."""
     columns = [np.ones_like(signals[0]), *signals]
     columns += [np.gradient(signal, axis=1) for signal in signals]
-    scaled = [column / (_rms(column) or 1.0) for column in columns]
+    scaled = [column / (rms(column) or 1.0) for column in columns]
     gram = np.array([[np.vdot(a, b) for a in scaled] for b in scaled]) / scaled[0].size
     inverse = np.linalg.pinv(gram, hermitian=True)
 
@@ -341,10 +342,6 @@ def _exchange(recording: Recording) -> str:
         if places[name] == f"ft - {other}":
             return f"name the column {places[other]} {name} in the file"
     return f"correct the names with --map e={places['x']},x={places['e']}"
-
-
-def _rms(signal: FloatArray) -> float:
-    return float(np.sqrt(np.mean(signal**2)))
 
 
 #: Units, names and signs, by e = ft - x and by x as the answer to u and fd.

@@ -72,8 +72,7 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
     if not {"e", "u"} <= set(look.signals):
         return ()
     with np.errstate(all="ignore"):  # a signal may be of any size
-        faults = list(_ends(recording))
-        faults += [*look.lost(), *look.steps()]
+        faults = [*_ends(recording), *look.lost(), *look.steps()]
         if not any(f.code == "lost-samples" for f in faults):
             faults += look.identity()
             faults += look.times(faults)
@@ -108,8 +107,7 @@ class _Look:
         self.recording, self.dt = recording, recording.dt
         every = {name: recording.window(recording.input(name)) for name in recording.signals}
         self.signals = {name: s for name, s in every.items() if np.any(np.diff(s, axis=1))}
-        names = ("e", "u", "x", *recording.extra)
-        self.answers = {name: self.signals[name] for name in names if name in self.signals}
+        self.answers = {n: s for n, s in self.signals.items() if n not in ("ft", "fd")}
 
     def falls(self) -> Iterator[Finding]:
         """Low-pass filters: spectra of pilots and elements fall, but nowhere that steeply."""

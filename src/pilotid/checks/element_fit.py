@@ -20,6 +20,8 @@ from pilotid.support.limits import ELEMENT
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray
 
+#: A controlled element as users give it: itself, its text, or nothing.
+GivenElement = ControlledElement | str | None
 #: Where loops cross over [rad/s].
 OMEGA = np.geomspace(0.5, 6.0, 40)
 #: Origins of an element, and their words.
@@ -80,7 +82,7 @@ def identified_element(recording: Recording) -> ElementChoice:
     if not fits:
         return ElementChoice(why="no form of element suits control and output")
     chosen = simplest([fit for fit in fits if _is_steerable(fit)] or fits)
-    error = float(chosen.form.response_error(chosen.values, chosen.covariance, OMEGA).max())
+    error = float(chosen.error_at(OMEGA).max())
     element = element_named(chosen.form.name(rounded(chosen.values, chosen.covariance)))
     why = _against(element, chosen.explained, error)
     return ElementChoice(element, SIGNALS, why)
@@ -137,9 +139,7 @@ def _against(element: ControlledElement, explained: float, error: float) -> str:
     return ""
 
 
-def chosen_element(
-    recording: Recording, given: ControlledElement | str | None = None
-) -> ElementChoice:
+def chosen_element(recording: Recording, given: GivenElement = None) -> ElementChoice:
     """The element that the user gives, else that the file names, else that its signals show.
 
     Parameters
@@ -155,24 +155,20 @@ def chosen_element(
             left = spectra_of(recording).unexplained(named)
         if left <= 0.5 * ELEMENT.different:  # to ask signals for a form takes long
             return ElementChoice(named, FILE)
-    given = as_element(given) if given else None
     identified = identified_element(recording)
     fault = next((f for f in findings(recording) if f.grade != "note"), None)
     shifted = fault and fault.code == "late-signal" and abs(fault.size) > ELEMENT.late
     shown = None if identified.why or shifted else identified.element
-    signals = "control and output of the recording follow"
-    compared = (
-        (given, shown or named, "given", signals if shown else "the file names"),
-        (named, shown, "that the file names", signals),
-    )
-    every = [differs(one, other, what, by) for one, other, what, by in compared if one and other]
-    told = tuple(filter(None, every))
-    identified = replace(identified, element=shown)
-    for choice in (ElementChoice(given, GIVEN), ElementChoice(named, FILE), identified):
-        if choice.element is not None:
-            return replace(choice, remarks=told)
-    why = fault.sentence if fault else f"{identified.why}; name it, for example --element 4/s^2"
-    return ElementChoice(why=f"no loops: {why}", remarks=told)
+    stated = ElementChoice(as_element(given), GIVEN) if given else ElementChoice(named, FILE)
+    if stated.element is None:
+        why = fault.sentence if fault else f"{identified.why}; name it, for example --element 4/s^2"
+        return identified if shown else ElementChoice(why=f"no loops: {why}")
+    what = "given" if given else "that the file names"
+    other, by = shown, "control and output of the recording follow"
+    if given and shown is None:
+        other, by = named, "the file names"
+    remark = differs(stated.element, other, what, by) if other else None
+    return replace(stated, remarks=(remark,) if remark else ())
 
 
 def differs(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
@@ -47,23 +47,10 @@ class Form:
         top = values[0] * np.array([1.0, *values[1:begin]])
         return top, np.array([1.0, *values[begin:-1], *np.zeros(self.integrators)])
 
-    def response_error(
-        self, values: FloatArray, covariance: FloatArray, omega: FloatArray
-    ) -> FloatArray:
-        """Relative standard error of the frequency response at `omega` [rad/s], shape (n,)."""
-        s, (_, bottom) = 1j * omega, self.polynomials(values)
-        powers = range(self.integrators + self.free - 1, self.integrators - 1, -1)
-        # Derivatives of the logarithm of the response by each value.
-        slopes = np.array(
-            [
-                np.full(s.shape, 1.0 / values[0]),
-                *(1.0 / (s + zero) for zero in values[1 : 1 + self.zero]),
-                *(-(s**power) / np.polyval(bottom, s) for power in powers),
-                -s,
-            ]
-        )
-        variance = np.einsum("in,ij,jn->n", slopes.conj(), covariance, slopes)
-        return np.asarray(np.sqrt(np.abs(variance)))
+    def response(self, values: FloatArray, omega: FloatArray) -> ComplexArray:
+        """Frequency response at `omega` [rad/s], shape (n,)."""
+        s, (top, bottom) = 1j * omega, self.polynomials(values)
+        return np.asarray(np.polyval(top, s) / np.polyval(bottom, s) * np.exp(-values[-1] * s))
 
     def name(self, values: FloatArray) -> str:
         """Its text with numbers, which `element_named` reads; the delay is not negative."""
@@ -139,6 +126,21 @@ class FormFit:
     criterion: float
     unexplained: FloatArray
     explained: float
+
+    def error_at(self, omega: FloatArray) -> FloatArray:
+        """Relative standard error of the frequency response at `omega` [rad/s], shape (n,)."""
+        here = self.form.response(self.values, omega)
+        slopes = _slopes(lambda values: self.form.response(values, omega), self.values, here) / here
+        variance = np.einsum("in,ij,jn->n", slopes.conj(), self.covariance, slopes)
+        return np.asarray(np.sqrt(np.abs(variance)))
+
+
+def _slopes(
+    function: Callable[[FloatArray], ComplexArray], values: FloatArray, here: ComplexArray
+) -> ComplexArray:
+    """Differences of a function by each of its values, shape (values, n); `here` it is at them."""
+    steps = DIFFERENCE * np.maximum(np.abs(values), 1e-2) * np.eye(len(values))
+    return np.array([(function(values + step) - here) / step.sum() for step in steps])
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,8 +261,7 @@ def fitted_form(spectra: Spectra, form: Form, delay: float = 0.0) -> FormFit:
 
     def normal(level: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient and information of half the weighted sum of squares."""
-        steps = DIFFERENCE * np.maximum(np.abs(values), 1e-2) * np.eye(len(values))
-        slopes = np.array([(residual(values + step) - left) / step.sum() for step in steps])
+        slopes = _slopes(residual, values, left)
         scaled = (slopes / level).conj()
         return np.real(scaled @ left), np.real(scaled @ slopes.T)
 

@@ -18,9 +18,8 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from pilotid import datasets
-from pilotid.checks.element_fit import chosen_element
 from pilotid.cli import options, studies
-from pilotid.datasets.named import fitted_scenario, truth
+from pilotid.datasets.named import truth
 from pilotid.estimate.method import Fitted, Method, fit_all
 from pilotid.estimate.warnings import unrecorded
 from pilotid.methods import METHODS
@@ -181,6 +180,8 @@ def fit(
 
 def _entry(fitted: Fitted) -> dict[str, Any]:
     """A fit as JSON has it, with what would be recorded if it were the truth."""
+    from pilotid.study.trust import fitted_scenario
+
     scenario = fitted_scenario(fitted)
     return fitted.to_dict() | ({"scenario": scenario} if scenario else {})
 
@@ -197,14 +198,13 @@ def _fitted(
 
     The first has what was said of models, where there are several or none is named.
     """
-    choice = chosen_element(recording, element)
     if len(named) == 1:
-        return [fit_all(recording, named[0], methods, seed, choice)]
+        return [fit_all(recording, named[0], methods, seed, element)]
     from pilotid.likelihood.choice import select
 
-    fitted = select(choice.named_in(recording), named, seed, fix)
+    fitted = select(options.closed_by(recording, element), named, seed, fix)
     models = named or [fitted.model]
-    first, *rest = [fit_all(recording, model, methods, seed, choice) for model in models]
+    first, *rest = [fit_all(recording, model, methods, seed, element) for model in models]
     compared = tuple(map(asdict, fitted.candidates))
     return [replace(first, choice=fitted.reason, compared=compared), *rest]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -15,8 +15,10 @@ import typer
 from pilotid.estimate.method import Method
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import AUTO, model_named, with_held
+from pilotid.model.element import element_named
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import read_with
+from pilotid.recording.recording import Recording
 from pilotid.support import disk
 from pilotid.support.disk import strict_json, write_file
 from pilotid.support.naming import split_list
@@ -168,6 +170,13 @@ def models_of(text: str, fix: str | None) -> list[PilotModel]:
     names = [] if text == AUTO else split_list(text) or [text]
     models = [model_named(name) for name in dict.fromkeys(names)]
     return with_held(models, fix) if models else []
+
+
+def closed_by(recording: Recording, element: str | None) -> Recording:
+    """The recording, naming the controlled element that an option gives, if it does."""
+    if not element:
+        return recording
+    return replace(recording, controlled_element=element_named(element).name)
 
 
 def require_free(inputs: Sequence[Path], *targets: str | Path | None, force: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -14,7 +14,6 @@ from pilotid.cli import options
 from pilotid.datasets.named import PEOPLE, fetch, recordings_in
 from pilotid.methods import METHODS
 from pilotid.model.catalogue import AUTO, model_named
-from pilotid.model.element import element_named
 from pilotid.recording.files import Reading, load_recording, read_with
 from pilotid.support import disk
 from pilotid.support.format import Line, make_console, show, table, with_bar
@@ -159,13 +158,13 @@ def compare_studies(first: Path, second: Path) -> None:
 def scenario_like(path: Path, seed: int) -> datasets.Scenario:
     """The scenario of a recording, or the one in a `trust.json`."""
     from pilotid.likelihood.choice import select
-    from pilotid.study.trust import fits_of
+    from pilotid.study.trust import fits_of, scenario_of_estimate
 
     if path.suffix.lower() == ".json":
         return datasets.named.designed_scenario(path)
     recording = load_recording(path)
     model = select(recording, seed=seed).model
-    return datasets.Scenario.from_fit(fits_of(recording, model, seed=seed)[0], recording)
+    return scenario_of_estimate(fits_of(recording, model, seed=seed)[0], recording)
 
 
 def trust(
@@ -192,8 +191,7 @@ def trust(
 
     disk.require_folder(out, TABLES, read_with(files), force=force)
     (recording,), _ = reading.all(files, joint=len(files) > 1)
-    if element is not None:
-        recording = replace(recording, controlled_element=element_named(element).name)
+    recording = options.closed_by(recording, element)
     chosen = select(recording, seed=seed).model if model == AUTO else model_named(model)
     tried = options.names_of(method, [], list(METHODS))
     trusted = try_fit(recording, chosen, tried, out, replications, seed, workers)

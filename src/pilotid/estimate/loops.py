@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from pilotid.checks.checks import motionless
+from pilotid.checks.element_fit import closing_element
 from pilotid.estimate.quantities import Draws, Quantity, normal, sampled, spans_decade
 from pilotid.model.element import ControlledElement
 from pilotid.model.loops import (
@@ -104,6 +105,22 @@ def both_loops(
         else:
             loops.append(_by_draws(NAMES[i], at, [both[i] for both in every]))
     return loops
+
+
+def stabilised_element(
+    recording: Recording, model: PilotModel, values: FloatArray
+) -> ControlledElement | None:
+    """The element that closes the loop of a recording, if it is known and a pilot keeps it stable.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    model, values
+        The pilot, with parameters in model order, shape (parameters,).
+    """
+    element = closing_element(recording)
+    return element if element and is_stable(model, values, element) else None
 
 
 # ------------------------------------------------------------------ to first order

@@ -13,24 +13,22 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from pilotid.checks.checks import remarks
+from pilotid.checks.element_fit import ElementChoice, GivenElement, chosen_element
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.loops import Loops
 from pilotid.estimate.quantities import AnalysedBand
-from pilotid.estimate.warnings import all_remarks, made_for, motionless_input
+from pilotid.estimate.warnings import all_remarks, motionless_input
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import forcing_sines
 from pilotid.support.numbers import fit_rng, require_settings
 from pilotid.support.remarks import Remark, gravest_first, remark_of, remarks_json, without
 from pilotid.support.types import InputError, one_line, reason
-
-if TYPE_CHECKING:
-    from pilotid.checks.element_fit import ElementChoice
 
 #: The environment variable that asks for tracebacks of methods that raise.
 TRACEBACK = "PILOTID_TRACEBACK"
@@ -92,7 +90,6 @@ def identify(
     name, begin = method.name, None
     try:
         require_settings(method)
-        model = made_for(recording, model)
         objection = motionless_input(recording, model) or method.objection(recording, model)
         if objection:
             why = one_line(str(objection))
@@ -192,10 +189,10 @@ class Fitted:
         What was fitted to what.
     estimates
         One for each method.
+    loop_element
+        The controlled element that loops are drawn with, or why there is none.
     remarks
         What is wrong with the recording, a sentence each.
-    loop_element
-        The controlled element that loops are drawn with; None where nobody asked for loops.
     choice
         Why the model was chosen, in sentences; empty where it was named.
     compared
@@ -207,8 +204,8 @@ class Fitted:
     recording: Recording
     model: PilotModel
     estimates: tuple[Estimate, ...]
+    loop_element: ElementChoice
     remarks: tuple[str, ...] = ()
-    loop_element: ElementChoice | None = None
     choice: str = ""
     compared: tuple[Mapping[str, object], ...] = ()
     ignored: frozenset[str] = frozenset()
@@ -222,9 +219,9 @@ class Fitted:
     @cached_property
     def loops(self) -> tuple[Loops, ...]:
         """The loops of each estimate, in their order; empty where no element is known."""
-        if self.loop_element is None or self.loop_element.element is None:
-            return ()
         element = self.loop_element.element
+        if element is None:
+            return ()
         every = (e.loops(element).excited_by(self.recording) for e in self.estimates)
         return tuple(replace(loop, remarks=without(loop.remarks, self.ignored)) for loop in every)
 
@@ -253,8 +250,6 @@ class Fitted:
     def _loop_dicts(self) -> list[dict[str, object]]:
         """What the loops add to each estimate's object."""
         given = self.loop_element
-        if given is None:
-            return [{} for _ in self.estimates]
         if given.element is None:
             why = Remark("element-unknown", given.why)
             return [{"loops": {"element": None, **remarks_json([why])}} for _ in self.estimates]
@@ -283,7 +278,7 @@ def fit_all(
     model: PilotModel,
     methods: Mapping[str, Method],
     seed: int,
-    loop_element: ElementChoice | None = None,
+    element: GivenElement = None,
 ) -> Fitted:
     """Run methods, by their labels, on a recording, each with its own random generator.
 
@@ -291,15 +286,14 @@ def fit_all(
     ----------
     recording, model, methods, seed
         What is fitted to what.
-    loop_element
-        The controlled element that loops are drawn with, see
-        `pilotid.checks.element_fit.chosen_element`; None for no loops.
+    element
+        The controlled element; None for the one that the recording names or shows.
     """
-    closed = recording if loop_element is None else loop_element.named_in(recording)
+    chosen = chosen_element(recording, element)
+    closed = chosen.named_in(recording)
     with redirect_stdout(sys.stderr):  # what methods of others print is no part of an answer
         estimates = tuple(
             replace(identify(method, closed, model, fit_rng(seed, label)), method=label)
             for label, method in methods.items()
         )
-    about_recording = (*remarks(closed), *(loop_element.remarks if loop_element else ()))
-    return Fitted(recording, model, estimates, about_recording, loop_element)
+    return Fitted(recording, model, estimates, chosen, (*remarks(closed), *chosen.remarks))

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from arviz_base import DataTree
     from pandas import DataFrame
 
-SHARE = 0.95  # of the intervals
-TAILS = (0.5 * (1.0 - SHARE), 0.5 * (1.0 + SHARE))
+TAILS = (0.025, 0.975)  # quantiles at the ends of intervals
 
 #: Symbols by key; a number behind a key becomes an index.
 SYMBOLS = {
@@ -33,8 +32,6 @@ SYMBOLS = {
     "tdvest": r"\tau_{vs}",
     "Km": "K_m",
     "tdm": r"\tau_m",
-    "wc": r"\omega_c",
-    "tde": r"\tau_e",
     "tleadlow": "T_K",
     "tlaglow": "T_K'",
     "Kt": "K_t",
@@ -147,11 +144,6 @@ class Draws:
         """95 % intervals with as much outside on either side, shape (parameters, 2)."""
         return np.quantile(self.values, TAILS, axis=0).T
 
-    @property
-    def highest_density(self) -> FloatArray:
-        """The shortest 95 % intervals, shape (parameters, 2)."""
-        return np.array([shortest_interval(draws) for draws in self.values.T])
-
     def thinned(self, count: int) -> FloatArray:
         """So many draws, evenly from all of them, shape (count, parameters)."""
         every = (np.arange(count) + 0.5) * (len(self.values) / count)
@@ -173,16 +165,6 @@ class Draws:
         return from_dict({"posterior": {key: chains[..., i] for i, key in enumerate(self.keys)}})
 
 
-def shortest_interval(values: FloatArray) -> FloatArray:
-    """The shortest interval that holds 95 % of values, shape (2,).
-
-    For a density with one mode that is the interval of highest density.
-    """
-    low = np.linspace(0.0, 1.0 - SHARE, 401)
-    ends = np.quantile(values, [low, low + SHARE])
-    return np.asarray(ends[:, int(np.argmin(ends[1] - ends[0]))])
-
-
 UNDETERMINED = "not determined"  # in the place of a value and its error
 
 
@@ -195,15 +177,12 @@ class Quantity:
     key, unit
         As printed; no unit for a number without dimension.
     value, std_error
-        Value and standard error in that unit.
+        Value and standard error in that unit; of a posterior mean and standard deviation.
     lower, upper
         Ends of the 95 % interval.
     determined
         Whether the recording tells it: False where the interval of a parameter ends at a bound, or
         that of a positive number spans more than a factor of ten; of a loop with its crossover.
-    highest_density
-        Of a posterior, the shortest 95 % interval; `value` is its mean, `std_error` its standard
-        deviation, and `lower` and `upper` have as much outside on either side.
     effective, r_hat
         Of a sampled parameter; NaN for functions of several.
     """
@@ -215,7 +194,6 @@ class Quantity:
     lower: float
     upper: float
     determined: bool = True
-    highest_density: tuple[float, float] = (math.nan, math.nan)
     effective: float = math.nan
     r_hat: float = math.nan
 
@@ -307,9 +285,8 @@ def sampled(
     """The posterior of a quantity, `positive` or not, from its draws, shape (draws,)."""
     mean, error = float(values.mean()), float(values.std())
     low, high = np.quantile(values, TAILS).tolist()
-    first, last = shortest_interval(values).tolist()
     known = not (positive and spans_decade(low, high))
-    return Quantity(key, unit, mean, error, low, high, known, (first, last), effective, r_hat)
+    return Quantity(key, unit, mean, error, low, high, known, effective, r_hat)
 
 
 def normal(key: str, unit: str, value: float, error: float, *, positive: bool = False) -> Quantity:

@@ -10,13 +10,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pilotid.checks.checks import motionless
+from pilotid.checks.checks import motionless, remarks
 from pilotid.checks.element_fit import closing_element
 from pilotid.estimate.estimate import Estimate, Outcome, at_bounds
 from pilotid.estimate.quantities import spans_decade
 from pilotid.model.catalogue import fault_of
 from pilotid.model.channel import STEEP
-from pilotid.model.element import parsed_element
 from pilotid.model.factors import Neuromuscular
 from pilotid.model.loops import is_stable, pilot_on
 from pilotid.model.model import PilotModel
@@ -30,8 +29,8 @@ from pilotid.recording.spectra import (
     told_apart,
 )
 from pilotid.support.limits import ESTIMATE, SIGNAL
-from pilotid.support.remarks import Remark, remark_of
-from pilotid.support.types import ComplexArray, FloatArray, InputError
+from pilotid.support.remarks import Remark, codes_of, remark_of
+from pilotid.support.types import ComplexArray, FloatArray
 
 # -------------------------------------------------------------------------------------- objections
 
@@ -44,17 +43,11 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
     """Why no method can identify a model: a channel has nothing to act on, or is infinite."""
     if fault := fault_of(model):
         return fault
-    if model.needs_element:
-        named = recording.controlled_element
-        return (
-            f"model {model.name} is made for a controlled element with a stable inverse, and the "
-            f"recording names {named or 'none'}; name one, for example --element 4/s^2"
-        )
     if missing := unrecorded(recording, model):
         return missing
     for channel in model.channels:
         if (
-            _absent(recording, recording.input("ft"), recording.e)
+            is_absent(recording, recording.input("ft"), recording.e)
             if channel.on == "ft"
             else motionless(recording, channel.on)
         ):
@@ -83,18 +76,6 @@ def unrecorded(recording: Recording, model: PilotModel) -> str | None:
     )
 
 
-def made_for(recording: Recording, model: PilotModel) -> PilotModel:
-    """A model for the controlled element that a recording names; one that needs none as it is.
-
-    It stays as it is, too, where no element is named that a pilot can invert.
-    """
-    element = parsed_element(recording.controlled_element) if model.needs_element else None
-    try:
-        return model if element is None else model.with_element(element)
-    except InputError:
-        return model
-
-
 def shared_signals(recording: Recording, model: PilotModel) -> str | None:
     """Why channels can hardly be told apart: their signals depend on one another."""
     inputs = {channel.on for channel in model.channels} - {*model.extra}
@@ -102,7 +83,7 @@ def shared_signals(recording: Recording, model: PilotModel) -> str | None:
         return one_signal(recording, model)
     if dependent := dependent_signals(model):
         return dependent
-    if recording.fd is not None and not _absent(recording, recording.fd, recording.u):
+    if recording.fd is not None and not is_absent(recording, recording.fd, recording.u):
         return None
     return _alike(model, "no disturbance is recorded")
 
@@ -129,6 +110,13 @@ def varying(model: PilotModel) -> str | None:
     )
 
 
+def element_unknown(recording: Recording) -> str | None:
+    """Why a method that closes the loop cannot treat a recording: nothing tells its element."""
+    if closing_element(recording) is not None:
+        return None
+    return "the controlled element is not known: name it, for example --element 4/s^2"
+
+
 def looking_ahead(model: PilotModel) -> str | None:
     """Why a method of causal systems cannot treat a model: it sees the target ahead."""
     if not model.ahead:
@@ -143,12 +131,18 @@ def one_signal(recording: Recording, model: PilotModel) -> str | None:
     """Why channels on error and output can hardly be told apart: there is no target."""
     if not {channel.on for channel in model.channels} >= {"e", "x"}:
         return None
-    if not _absent(recording, recording.e + recording.x, recording.e):
+    if not is_absent(recording, recording.e + recording.x, recording.e):
         return None
     return _alike(model, "two channels act on one signal, as without a target e = -x")
 
 
-def _absent(recording: Recording, forcing: FloatArray, beside: FloatArray) -> bool:
+def black_box_objection(recording: Recording, model: PilotModel) -> str | None:
+    """Why lagged signals do not tell a pilot: one who changes, looks ahead, or has one input."""
+    unsuited = varying(model) or looking_ahead(model) or dependent_signals(model)
+    return unsuited or one_signal(recording, model)
+
+
+def is_absent(recording: Recording, forcing: FloatArray, beside: FloatArray) -> bool:
     """Whether a forcing function is no more than rounding errors beside another signal."""
     size = np.std(recording.window(beside), axis=1)
     return not np.any(np.std(recording.window(forcing), axis=1) > SIGNAL.motionless_forcing * size)
@@ -201,19 +195,31 @@ def lines_objection(recording: Recording, model: PilotModel) -> str | None:
 LEFT_OPEN = ("inseparable", "not-determined")
 
 
+LONGEST_TOLD = 300  # characters of remarks that a study keeps of a fit
 ZERO_VAF = 0.05  # %, of a VAF that is shown as 0.0 %
+
+
+def told(recording: Recording, estimate: Estimate) -> str:
+    """What a user would be told against a recording and an estimate, on one line.
+
+    Remarks on the recording come first and begin with ``recording:``, as `pilotid fit` has them.
+    What a sound recording leaves open, such as a gain and a lead that trade off, is left out.
+    """
+    own = [remark for remark in estimate.remarks if codes_of([remark])[0] not in LEFT_OPEN]
+    line = " | ".join([*(f"recording: {remark}" for remark in remarks(recording)), *own])
+    return line if len(line) <= LONGEST_TOLD else f"{line[: LONGEST_TOLD - 4]} ..."
 
 
 def all_remarks(estimate: Estimate, recording: Recording) -> tuple[Remark, ...]:
     """What a user must know of an estimate, also for what the recording lacks."""
     low = estimate.outcome.usable and estimate.vaf < ESTIMATE.least_vaf
-    remarks = remarks_on(estimate, explained_of_forced(recording, estimate) if low else None)
+    said = remarks_on(estimate, explained_of_forced(recording, estimate) if low else None)
     if estimate.outcome is Outcome.NOT_APPLICABLE:
-        return remarks
+        return said
     # Without a target the likelihood can have two optima, which no reported error shows.
     why = shared_signals if is_vague(estimate) else one_signal
     shared = why(recording, estimate.model)
-    return (*remarks, Remark("inseparable", shared, "doubt")) if shared else remarks
+    return (*said, Remark("inseparable", shared, "doubt")) if shared else said
 
 
 def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Remark, ...]:
@@ -222,9 +228,9 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
     `explained` is the share of the control that the model explains [%] where that is known better
     than by the VAF: a slow remnant that the loop suppresses is larger than the control it is in.
     """
-    remarks = [remark_of(remark) for remark in estimate.remarks]
+    own = [remark_of(remark) for remark in estimate.remarks]
     if not estimate.outcome.usable:
-        return tuple(remarks)
+        return tuple(own)
     hidden = (explained or 0.0) >= ESTIMATE.surely_explained
     explained = estimate.vaf if explained is None else explained
     if explained < ESTIMATE.least_vaf:
@@ -233,15 +239,15 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
             "check whether u, e and x belong together (one shifted in time, a wrong name, a wrong "
             "sign), or choose another model"
         )
-        return (*remarks, Remark("little-explained", sentence))
+        return (*own, Remark("little-explained", sentence))
     if estimate.vaf < ZERO_VAF:
         sentence = (
             "the simulated response explains nothing of the control (VAF 0 %): a slow remnant "
             f"hides it{'' if hidden else ', or the model is wrong'}; compare with other methods"
         )
-        remarks.append(Remark("little-explained", sentence, "note" if hidden else "doubt"))
+        own.append(Remark("little-explained", sentence, "note" if hidden else "doubt"))
     return (
-        *remarks,
+        *own,
         *_steps(estimate),
         *_outside_range(estimate),
         *(Remark("inseparable", pair.words) for pair in estimate.inseparable),

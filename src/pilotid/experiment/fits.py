@@ -233,7 +233,7 @@ def fit(part: Part, model: PilotModel, how: Fitting) -> Content:
             ways.append((name, None, part.recording(reading), able))
     rows = list[Content]()
     for name, run, some, able in ways:
-        fitted = fit_all(some, model, able, how.seed, chosen_element(some, how.element))
+        fitted = fit_all(some, model, able, how.seed, how.element)
         for estimate, loops in zip_longest(fitted.estimates, fitted.loops):
             rows += [{"otherwise": name, "run": run, **row} for row in _rows(estimate, loops)]
     predicted = predict_left_out(recording, model, methods, how.seed) if how.left_out else []

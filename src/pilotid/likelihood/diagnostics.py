@@ -32,16 +32,15 @@ from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.prepare import fast_length
 from pilotid.likelihood.remnant_models import Whitener, best_noise_model
 from pilotid.model.element import ControlledElement
-from pilotid.model.factors import Polynomial
+from pilotid.model.factors import Gain, Lead
 from pilotid.model.loops import is_stable, pilot_on
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
-from pilotid.solve.intervals import covariance_of
 from pilotid.solve.least_squares import Problem
 from pilotid.spectral.equations import specification_of
 from pilotid.support.limits import ESTIMATE, RECORDER
-from pilotid.support.numbers import chi_squared_limit, chi_squared_tail
+from pilotid.support.numbers import chi_squared_limit, chi_squared_tail, covariance_of
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray, IntArray
 
@@ -540,7 +539,7 @@ def may_vary(model: PilotModel) -> list[int]:
         parameter.key
         for channel in model.channels
         for factor in channel.dynamics
-        if isinstance(factor, Polynomial)
+        if isinstance(factor, Gain | Lead)
         for parameter in factor.parameters
     }
     return [] if model.changes else [i for i, key in enumerate(model.keys) if key in keys]

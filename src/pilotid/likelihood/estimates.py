@@ -28,8 +28,9 @@ from pilotid.likelihood.remnant_models import best_noise_model, filter_of
 from pilotid.likelihood.search import SEARCH_BAND
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.intervals import REACH, covariance_of, score_products, with_information
+from pilotid.solve.intervals import REACH, score_products, with_information
 from pilotid.solve.least_squares import Gram, Minima, minimise
+from pilotid.support.numbers import covariance_of
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray, InputError
 
@@ -185,8 +186,8 @@ class WhiteLikelihood:
 def too_short(problem: Likelihood, values: FloatArray) -> tuple[Remark, ...]:
     """A remark where the residual is coloured, with what that does to errors claimed as if white.
 
-    The scores' variance over what it would be of a white residual is that of the errors, as in
-    `pilotid.solve.intervals.sandwich_of`.
+    The scores' variance over what it would be of a white residual is that of the errors, see
+    `pilotid.solve.intervals`.
 
     Parameters
     ----------

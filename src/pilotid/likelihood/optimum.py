@@ -17,10 +17,10 @@ from pilotid.likelihood.remnant_models import BandPass, are_invertible, criterio
 from pilotid.model.loops import are_stable
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
-from pilotid.solve.intervals import covariance_of, score_dispersion, with_information
+from pilotid.solve.intervals import score_dispersion, with_information
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import CHI_SQUARED_95, chi_squared_limit
+from pilotid.support.numbers import CHI_SQUARED_95, chi_squared_limit, covariance_of
 from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 #: Tuned: VAF of the simulated control over that of the lines' pilot.  In populations right optima

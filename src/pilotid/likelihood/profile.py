@@ -23,12 +23,11 @@ from pilotid.model.factors import Neuromuscular
 from pilotid.solve.intervals import (
     Profile,
     covariance_at_bounds,
-    covariance_of,
     errors_from,
     profile_intervals,
 )  # fmt: skip
 from pilotid.solve.least_squares import Bounds, Box, minimise
-from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO, Z95
+from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO, Z95, covariance_of
 from pilotid.support.types import FloatArray
 
 #: Tuned: deviance below which a recording does not tell an unusual neuromuscular system from a

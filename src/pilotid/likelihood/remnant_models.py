@@ -4,7 +4,7 @@ A noise model of few parameters costs little information: in a closed loop the
 pilot's parameters and the remnant's are estimated from the same feedback, and every
 free coefficient of the remnant takes some of it (eight autoregressive coefficients
 raise the bound of the neuromuscular damping by 4 to 14 % in a band of 31 rad/s, a
-low-pass filter's two parameters by 2 % at the most; see `pilotid.bounds.bounds`).
+low-pass filter's two parameters by 2 % at the most; see `pilotid.datasets.bounds.bounds`).
 """
 
 from __future__ import annotations

@@ -29,15 +29,10 @@ from pilotid.likelihood.prediction import Prediction
 from pilotid.likelihood.remnant_models import Autoregressive, Whitener, guess_parameters
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.intervals import (
-    covariance_of,
-    errors_from,
-    profile_intervals,
-    with_information,
-)  # fmt: skip
+from pilotid.solve.intervals import errors_from, profile_intervals, with_information
 from pilotid.solve.least_squares import Problem, minimise, search
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, coefficients_of
-from pilotid.support.numbers import Z95, chi_squared_limit
+from pilotid.support.numbers import Z95, chi_squared_limit, covariance_of
 from pilotid.support.types import FloatArray
 
 #: Combinations of responses whose variance is this far below the largest one are taken for

@@ -9,13 +9,12 @@ predicts in the time domain can take it.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
 import numpy as np
 
-from pilotid.model.factors import Factor, Parameter, Polynomial
+from pilotid.model.factors import Factor, Gain, Lead, Parameter
 from pilotid.support.types import SIGNAL_NAME, FloatArray, InputError, is_signal_name
 
 #: Rate [1/s] from which on a change is a step: it takes less than half a second.
@@ -29,31 +28,29 @@ RATE = Parameter("rate", "1/s", 0.05, 120.0, 2.0, (0.1, 50.0))
 
 @dataclass(frozen=True)
 class Changing:
-    """Gains and leads of a channel that pass from one value to another along a sigmoid.
+    """A gain and a lead of a channel that pass from one value to another along a sigmoid.
 
     Every parameter P becomes two, P1 and P2, and is
 
         P(t) = P1 + (P2 - P1)/(1 + exp(-rate (t - tmid)))
 
     (Zaal, JGCD 39(5) 2016).  The time t runs from the start of the measurement window; three
-    quarters of the change take 4/rate.  Where a product of leads varies it is the product of their
-    polynomials at each time that acts on the input and its derivatives.
+    quarters of the change take 4/rate.
 
     Attributes
     ----------
     factors
-        `Gain`, `Lead`, or others that are a `Polynomial`.
+        A `Gain`, a `Lead`, or a gain and then a lead.
     """
 
-    factors: tuple[Polynomial, ...]
+    factors: tuple[Gain | Lead, ...]
 
     def __post_init__(self) -> None:
-        for factor in self.factors:
-            if not isinstance(factor, Polynomial):
-                raise ValueError(
-                    f"{type(factor).__name__} cannot vary in time: it has a memory of its own; "
-                    "only gains and leads can"
-                )
+        if [type(f) for f in self.factors] not in ([Gain], [Lead], [Gain, Lead]):
+            raise ValueError(
+                "what varies in time is a Gain, a Lead, or a Gain and then a Lead; give all else "
+                "to the channel"
+            )
 
     @property
     def changed(self) -> tuple[Parameter, ...]:
@@ -63,20 +60,13 @@ class Changing:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Each parameter before and after, then the middle and the rate of the change."""
-        changed = self.changed
-        # The response is proportional to a gain only if no other factor's gain multiplies it.
-        single = sum(p.linear for p in changed) == 1
-        both = [
-            replace(p, key=key, linear=p.linear and single)
-            for p in changed
-            for key in self.ends(p.key)
-        ]
+        both = [replace(p, key=key) for p in self.changed for key in self.ends(p.key)]
         return (*both, TIME, RATE)
 
     @property
     def order(self) -> int:
         """Highest derivative of the channel's input that is used."""
-        return sum(len(c) - 1 for c in self._coefficients([p.start for p in self.changed]))
+        return int(isinstance(self.factors[-1], Lead))
 
     def ends(self, key: str) -> tuple[str, str]:
         """Keys of what a parameter of the factors is before and after the change."""
@@ -92,7 +82,8 @@ class Changing:
         values
             Sets of the change's parameters, shape (..., parameters).
         """
-        return product_of(self._coefficients(_at(values, share_passed(time, values))))
+        gain, lead = self._gain_and_lead(values, share_passed(time, values))
+        return [gain, gain * lead][: 1 + self.order]
 
     def modulated(
         self, signals: FloatArray, time: FloatArray, values: FloatArray
@@ -113,10 +104,11 @@ class Changing:
         Arrays of shape (sets, runs, n) and (sets, parameters, runs, n).
         """
         share = share_passed(time, values)
-        at = _at(values, share)
-        by_own = [
-            _weighted(product_of(self._coefficients(at, by=i)), signals) for i in range(len(at))
-        ]
+        gain, lead = self._gain_and_lead(values, share)
+        led = _weighted([np.ones(1), lead][: 1 + self.order], signals)
+        by_own = [led] if isinstance(self.factors[0], Gain) else []
+        if self.order:
+            by_own.append(_weighted([gain], signals[1:]))
         slopes = np.empty((len(values), values.shape[1], *signals.shape[1:]))
         for i, by in enumerate(by_own):
             np.multiply(by, (1.0 - share)[:, None], out=slopes[:, 2 * i])
@@ -127,27 +119,19 @@ class Changing:
         for place, slope in ((-2, -rate * steep), (-1, (time - middle) * steep)):
             parts = [by * (step[:, i, None] * slope)[:, None] for i, by in enumerate(by_own)]
             slopes[:, place] = reduce(np.add, parts)
-        return _weighted(product_of(self._coefficients(at)), signals), slopes
+        return gain[..., None, :] * led, slopes
 
-    def _coefficients(
-        self, parameters: Sequence[FloatArray | float], by: int | None = None
-    ) -> list[tuple[FloatArray, ...]]:
-        """Coefficients of each factor; of one their derivative by its parameter `by`.
+    def _gain_and_lead(
+        self, values: FloatArray, share: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Both where so much of the change has passed, shape (..., n); one that is constant is 1.
 
-        They are affine: the derivative is the difference between parameters one apart.
+        Without a lead nothing is multiplied with it.
         """
-        result, first = [], 0
-        for factor in self.factors:
-            last = first + len(factor.parameters)
-            values = [np.asarray(value, dtype=float) for value in parameters[first:last]]
-            coefficients = factor.coefficients(values)
-            if by is not None and first <= by < last:
-                values[by - first] = values[by - first] + 1.0
-                further = factor.coefficients(values)
-                coefficients = tuple(b - a for a, b in zip(coefficients, further, strict=True))
-            result.append(coefficients)
-            first = last
-        return result
+        before, after = values[..., :-2:2, None], values[..., 1:-2:2, None]
+        at = np.moveaxis(before + (after - before) * share[..., None, :], -2, 0)
+        gain = at[0] if isinstance(self.factors[0], Gain) else np.ones(1)
+        return gain, at[-1]
 
 
 AnyFactor = Factor | Changing
@@ -224,25 +208,7 @@ def share_passed(time: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray(0.5 + 0.5 * np.tanh(0.5 * rate * (time - middle)))
 
 
-def _at(values: FloatArray, share: FloatArray) -> list[FloatArray]:
-    """Each parameter that varies, where so much of the change has passed, shape (..., n)."""
-    before, after = values[..., :-2:2, None], values[..., 1:-2:2, None]
-    return list(np.moveaxis(before + (after - before) * share[..., None, :], -2, 0))
-
-
-def product_of(polynomials: Iterable[Sequence[FloatArray]]) -> list[FloatArray]:
-    """Coefficients of a product of polynomials, lowest power first."""
-    total: list[FloatArray] = [np.ones(1)]
-    for polynomial in polynomials:
-        longer: list[FloatArray] = [np.zeros(1)] * (len(total) + len(polynomial) - 1)
-        for i, a in enumerate(total):
-            for j, b in enumerate(polynomial):
-                longer[i + j] = longer[i + j] + a * b
-        total = longer
-    return total
-
-
 def _weighted(weights: list[FloatArray], signals: FloatArray) -> FloatArray:
-    """Sum of weights (sets, n) times signals (order + 1, runs, n), shape (sets, runs, n)."""
+    """Sum of weights (sets, n) times as many signals (runs, n), shape (sets, runs, n)."""
     parts = [weight[..., None, :] * signal for weight, signal in zip(weights, signals, strict=True)]
     return np.asarray(reduce(np.add, parts))

@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from pilotid.model.element import ControlledElement, Rational, pade
+from pilotid.model.element import Rational, pade
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 #: Parameters of a factor: one array each, which broadcasts against s, so that many
@@ -229,23 +229,8 @@ class Held(Factor):
         return self.factor.rational([float(v) for v in self._all(values)], pade_order)
 
 
-class Polynomial(Factor):
-    """A polynomial in s, each of whose coefficients is affine in its parameters.
-
-    Such a factor may vary in time: it takes derivatives of the input and has no memory.
-    """
-
-    def coefficients(self, values: Values) -> tuple[FloatArray, ...]:
-        """Coefficients, lowest power of s first, each of the shape of a parameter."""
-        raise NotImplementedError
-
-    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
-        numbers = self.coefficients([np.asarray(value) for value in values])
-        return [float(c) for c in reversed(numbers)], [1.0]
-
-
 @dataclass(frozen=True)
-class Gain(Polynomial):
+class Gain(Factor):
     """A constant gain; its sign belongs to the channel, so it is positive.
 
     Attributes
@@ -276,8 +261,8 @@ class Gain(Polynomial):
     def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
         return values[0], (1.0 / values[0],)
 
-    def coefficients(self, values: Values) -> tuple[FloatArray]:
-        return (values[0],)
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return [float(values[0])], [1.0]
 
 
 @dataclass(frozen=True)
@@ -307,7 +292,7 @@ class TimeFactor(Factor):
 
 
 @dataclass(frozen=True)
-class Lead(TimeFactor, Polynomial):
+class Lead(TimeFactor):
     """First-order lead 1 + T s."""
 
     key: str = "tlead"
@@ -318,8 +303,8 @@ class Lead(TimeFactor, Polynomial):
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return 1.0 + values[0] * s
 
-    def coefficients(self, values: Values) -> tuple[FloatArray, FloatArray]:
-        return np.ones_like(values[0]), values[0]
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return [float(values[0]), 1.0], [1.0]
 
 
 @dataclass(frozen=True)
@@ -433,24 +418,8 @@ class Differentiator(Factor):
         return [1.0] + [0.0] * self.order, [1.0]
 
 
-class Fixed(Factor):
-    """A transfer function without parameters, see `ratio`."""
-
-    @property
-    def ratio(self) -> Rational:
-        """Numerator and denominator coefficients, highest power of s first."""
-        raise NotImplementedError
-
-    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
-        top, bottom = self.ratio
-        return np.asarray(np.polyval(top, s) / np.polyval(bottom, s))
-
-    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
-        return self.ratio
-
-
 @dataclass(frozen=True)
-class Canals(Fixed):
+class Canals(Factor):
     """Semicircular canals (1 + tv1 s) / (1 + tv2 s), with fixed time constants.
 
     The defaults, 0.1 s and 6 s, are those of AIAA 2008-7109, Eq. (1).
@@ -468,47 +437,12 @@ class Canals(Fixed):
     def fixed_poles(self) -> tuple[float, ...]:
         return (-1.0 / self.tv2,)
 
-    @property
-    def ratio(self) -> Rational:
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        top, bottom = self.rational((), 1)
+        return np.asarray(np.polyval(top, s) / np.polyval(bottom, s))
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         return [self.tv1, 1.0], [self.tv2, 1.0]
-
-
-#: Pole in place of an integrator [rad/s], which no recording is long enough to tell from one.
-ALMOST_INTEGRATOR = 0.01
-
-
-@dataclass(frozen=True)
-class Inverse(Fixed):
-    """1/(s Hc(s)): what makes an integrator of a controlled element, but for its delay.
-
-    Attributes
-    ----------
-    element
-        The controlled element; None until a recording names it, and 1/s so long.
-    """
-
-    element: ControlledElement | None = None
-
-    def __post_init__(self) -> None:
-        if self.element is not None and any(np.real(np.roots(self.element.numerator)) >= 0.0):
-            raise InputError(
-                f"the inverse of {self.element.name or 'the controlled element'} is unstable, so "
-                "that no pilot makes an integrator of it; choose a model that is given a form"
-            )
-
-    @property
-    def ratio(self) -> Rational:
-        if self.element is None:
-            return [1.0], [1.0]
-        top, bottom = list(self.element.denominator), list(self.element.numerator)
-        if top[-1] == 0.0:
-            return top[:-1], bottom
-        return top, np.polymul(bottom, [1.0, ALMOST_INTEGRATOR]).tolist()
-
-    @property
-    def fixed_poles(self) -> tuple[float, ...]:
-        is_gain = self.element is not None and self.element.denominator[-1] != 0.0
-        return (-ALMOST_INTEGRATOR,) if is_gain else ()
 
 
 @dataclass(frozen=True)

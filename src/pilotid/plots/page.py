@@ -14,13 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from xml.etree import ElementTree
 
-from pilotid.estimate.quantities import symbol
 from pilotid.support.disk import make_folder, write_file
-from pilotid.support.format import clean, for_markdown, inline, markdown, math_html
+from pilotid.support.format import clean, for_markdown, inline, markdown
 
 if TYPE_CHECKING:
     from jinja2 import Environment
-    from markupsafe import Markup
     from matplotlib.figure import Figure as Drawing
 
 Kinds = Sequence[Literal["svg", "pdf"]]
@@ -80,14 +78,8 @@ def environment() -> Environment:
         finalize=lambda value: clean(value) if type(value) is str else value,
     )
 
-    def symbol_of(key: str) -> Markup:
-        """The symbol of a quantity; nothing for other heads of rows."""
-        shown = symbol(key)
-        return math_html(shown) if shown != key else Markup("")
-
     templates.filters |= {
         "inline": inline,
-        "symbol": symbol_of,
         "sections": lambda page: [(key, Markup(name)) for key, name in SECTION.findall(page)],
         "markdown": lambda text: Markup(for_markdown(text)),
         "verbatim": lambda text: Markup(clean(text)),  # behind four spaces

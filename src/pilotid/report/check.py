@@ -12,9 +12,8 @@ import numpy as np
 
 from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import Finding, copies_among, findings, fingerprints
-from pilotid.checks.element_fit import ElementChoice, chosen_element
+from pilotid.checks.element_fit import ElementChoice, GivenElement, chosen_element
 from pilotid.checks.plant import plant_of
-from pilotid.model.element import ControlledElement
 from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.recording.spectra import NotMultisineError, answers, lines_of
 from pilotid.support.format import Line, Table, as_text, table
@@ -169,7 +168,7 @@ def _forcing_facts(recording: Recording, name: str) -> dict[str, Any]:
 
 def check_all(
     recordings: Sequence[Recording],
-    element: ControlledElement | str | None = None,
+    element: GivenElement = None,
     ignored: Collection[str] = (),
 ) -> list[Checked]:
     """Check recordings, also for copies of one another.

@@ -17,7 +17,6 @@ from pilotid.estimate.method import Fitted
 from pilotid.estimate.quantities import Draws, Quantity, quantity_tables, sampled
 from pilotid.likelihood.estimates import VAF_BAND, simulated_vaf
 from pilotid.likelihood.prediction import predict
-from pilotid.model.element import parsed_element
 from pilotid.plots import plots
 from pilotid.plots.page import Figure, render, save_figures
 from pilotid.plots.plots import corner
@@ -74,7 +73,7 @@ def tables_of(fit: Fitted) -> dict[str, Any]:
         ],
         "tables": quantity_tables([(e.method, e.quantities) for e in known]),
         "held": fit.model.held_words,
-        "element": "" if choice is None else choice.words if loops else choice.why,
+        "element": choice.words if loops else choice.why,
         "loops": quantity_tables(tabled, "loop"),
         "loop_notes": [f"{method}: {note}" for method, loop in loops for note in loop.notes],
     }
@@ -127,11 +126,7 @@ def summary(fit: Fitted) -> str:
 
 
 def figures_of(fit: Fitted) -> Iterator[Figure]:
-    """All figures that a recording's estimates allow, in the order of a page.
-
-    Open loops are drawn with the controlled element of the fit or, where nobody asked for loops,
-    with that which the recording names.
-    """
+    """All figures that a recording's estimates allow, in the order of a page."""
     recording, chosen = fit.recording, leading(fit.estimates)
     if chosen is not None:
         which = "The run" if recording.runs == 1 else f"Run 1 of {recording.runs}"
@@ -146,8 +141,7 @@ def figures_of(fit: Fitted) -> Iterator[Figure]:
     yield from _describing_functions(fit)
     if chosen is None:
         return
-    loop = fit.loop_element
-    plant = loop.element if loop is not None else parsed_element(recording.controlled_element)
+    plant = fit.loop_element.element
     if plant is not None and not chosen.model.no_loop:
         caption = (
             f"Open loops of the pilot ({chosen.method}) with the controlled element "
@@ -218,7 +212,7 @@ def _legend_above(figure: Drawing, columns: int) -> None:
 
 CSV_COLUMNS = (
     *("quantity", "unit", "mean", "std", "equal_tailed_lower", "equal_tailed_upper"),
-    *("highest_density_lower", "highest_density_upper", "effective_size", "r_hat"),
+    *("effective_size", "r_hat"),
 )
 
 
@@ -325,10 +319,10 @@ def write_posterior(folder: Path, fit: Fitted, quantities: Sequence[Quantity]) -
         convergence=convergence_words(draws),
         figures=figures,
     )
-    rows = []
-    for s in quantities:
-        ends = s.lower, s.upper, *s.highest_density
-        rows.append((s.key, s.unit, s.value, s.std_error, *ends, s.effective, s.r_hat))
+    rows = [
+        (s.key, s.unit, s.value, s.std_error, s.lower, s.upper, s.effective, s.r_hat)
+        for s in quantities
+    ]
     contents = {
         "report.html": page.encode("utf-8", "replace"),
         "draws.npy": draws_bytes(draws),

@@ -19,32 +19,13 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.solve.least_squares import Bounds, Box, Gram, LogTransform, Minima, minimise
-from pilotid.support.numbers import CHI_SQUARED_95, Z95
+from pilotid.support.numbers import CHI_SQUARED_95, Z95, scaled_inverse
 from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 # -------------------------------------------------------------------------------------- covariance
 
-#: Ratio of the smallest to the largest eigenvalue below which rounding decides.
-SINGULAR = 1e-13
-#: The same below which a model is next to singular.
+#: Ratio of the smallest to the largest eigenvalue below which a model is next to singular.
 NEAR_SINGULAR = 1e-9
-
-
-def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
-    """Inverse of a least-squares information matrix, or None if it is singular.
-
-    Parameters
-    ----------
-    hessian
-        Inner products J'J, shape (parameters, parameters).
-    variance
-        Variance of the white residual.
-    """
-    inverted = _scaled_inverse(hessian)
-    if inverted is None:
-        return None
-    inverse, scale = inverted
-    return np.asarray(variance * inverse / np.outer(scale, scale))
 
 
 def with_information(end: Minima, gram: Gram) -> Minima:
@@ -59,11 +40,11 @@ def with_information(end: Minima, gram: Gram) -> Minima:
     gram
         Gram matrices of the problem.
     """
-    if _scaled_inverse(end.gram[0, :-1, :-1], NEAR_SINGULAR) is not None:
+    if scaled_inverse(end.gram[0, :-1, :-1], NEAR_SINGULAR) is not None:
         return end
     matrix = end.gram[0].copy()
     matrix[:-1, :-1] = hessian_of(gram, end.values[0])
-    is_better = _scaled_inverse(matrix[:-1, :-1], NEAR_SINGULAR) is not None
+    is_better = scaled_inverse(matrix[:-1, :-1], NEAR_SINGULAR) is not None
     return replace(end.only([0]), gram=matrix[None]) if is_better else end
 
 
@@ -112,7 +93,7 @@ def covariance_at_bounds(
         Standard errors, which profile intervals tell, see `errors_from`.
     """
     conditional = np.where(bounded[:, None] | bounded, np.diag(np.diag(hessian)), hessian)
-    inverted = _scaled_inverse(conditional)
+    inverted = scaled_inverse(conditional)
     if inverted is None or errors is None:
         return None
     scaled, _ = inverted
@@ -120,41 +101,8 @@ def covariance_at_bounds(
     return np.asarray(scaled * np.outer(errors / size, errors / size))
 
 
-def _scaled_inverse(
-    matrix: FloatArray, least: float = SINGULAR
-) -> tuple[FloatArray, FloatArray] | None:
-    """Inverse of a matrix scaled to a unit diagonal, and the scale; None if it is singular."""
-    diagonal = np.diag(matrix)
-    if not (np.all(np.isfinite(matrix)) and np.all(diagonal > 0.0)):
-        return None
-    scale = np.sqrt(diagonal)
-    eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    if eigenvalues[0] <= least * eigenvalues[-1]:
-        return None
-    return (vectors / eigenvalues) @ vectors.T, scale
-
-
 #: Longest time over which scores are taken to be correlated [s].
 REACH = 5.0
-
-
-def sandwich_of(curvature: FloatArray, score_covariance: FloatArray) -> FloatArray | None:
-    """The sandwich covariance A^-1 B A^-1, or None if A is not positive definite.
-
-    Parameters
-    ----------
-    curvature
-        A, shape (parameters, parameters).
-    score_covariance
-        B, of the same shape.
-    """
-    inverted = _scaled_inverse(curvature)
-    if inverted is None:
-        return None
-    inverse, scale = inverted
-    half = inverse / scale
-    covariance = half @ score_covariance @ half.T / np.outer(scale, scale)
-    return np.asarray(0.5 * (covariance + covariance.T))
 
 
 def hessian_of(gram: Gram, values: FloatArray, step: float = 1e-4) -> FloatArray:

@@ -24,11 +24,10 @@ from pilotid.model.loops import are_stable
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
-from pilotid.solve.intervals import covariance_of
 from pilotid.solve.least_squares import Minima, Problem, minimise, search, solve_linear
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import Z95
+from pilotid.support.numbers import Z95, covariance_of
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 
 #: Share of the inputs' power at a line that must be no noise of the recorder.

@@ -9,14 +9,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from pilotid.bounds import bounds
-from pilotid.checks.checks import remarks
 from pilotid.datasets import Population, Scenario, simulate
+from pilotid.datasets.bounds import bounds
 from pilotid.datasets.experiments import bound_of, experiment_of
 from pilotid.datasets.named import AnyScenario
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.method import Method, identify, signals_in
-from pilotid.estimate.warnings import LEFT_OPEN
+from pilotid.estimate.warnings import told
 from pilotid.methods import label_of
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
@@ -25,14 +24,11 @@ from pilotid.study.table import Fit
 from pilotid.support.jobs import Loss
 from pilotid.support.naming import unpacked
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng, start_rng
-from pilotid.support.remarks import codes_of
 from pilotid.support.store import Key, number
 from pilotid.support.types import one_line, reason
 
 #: Outcomes that another try may mend; an error that the code makes comes again.
 OUTSIDE = (Outcome.CRASHED, Outcome.OUT_OF_MEMORY, Outcome.TIMED_OUT, Outcome.DIED)
-
-LONGEST_TOLD = 300  # characters of remarks that a study keeps of a fit
 
 
 @dataclass(frozen=True)
@@ -83,7 +79,7 @@ def run_task(task: Task) -> Fit:
             number(estimate.seconds),
             estimate.draws is not None,
             excess_of(method, recording, estimate, scenario) if drawn else None,
-            told(remarks_of(origin, seed, shown), estimate),
+            told(recording, estimate),
             undetermined=tuple(q.key for q in estimate.parameters if not q.determined),
         )
         estimated = {q.key: (q.value, q.std_error, q.lower, q.upper) for q in estimate.parameters}
@@ -129,31 +125,6 @@ def recording_of(origin: AnyScenario, seed: int, replication: int) -> Recording:
     """The recording of a replication; its signals are read-only."""
     scenario = scenario_of(origin, seed, replication)
     return simulate(scenario, recording_rng(seed, scenario.name, replication))
-
-
-@lru_cache(maxsize=8)
-def remarks_of(origin: AnyScenario, seed: int, replication: int) -> tuple[str, ...]:
-    """The remarks on the recording of a replication."""
-    return remarks(recording_of(origin, seed, replication))
-
-
-def told(remarked: tuple[str, ...], estimate: Estimate) -> str:
-    """What a user would be told against a recording and an estimate, on one line.
-
-    Remarks on the recording come first and begin with ``recording:``, as `pilotid fit` has them.
-    What a sound recording leaves open, such as a gain and a lead that trade off, is left out.
-
-    Parameters
-    ----------
-    remarked
-        The remarks on the recording.
-    estimate
-        The estimate.
-    """
-    remarks = [remark for remark in estimate.remarks if codes_of([remark])[0] not in LEFT_OPEN]
-    sentences = [*(f"recording: {remark}" for remark in remarked), *remarks]
-    line = " | ".join(sentences)
-    return line if len(line) <= LONGEST_TOLD else f"{line[: LONGEST_TOLD - 4]} ..."
 
 
 def excess_of(

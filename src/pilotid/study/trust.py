@@ -7,8 +7,9 @@ parametric bootstrap.  What it tells holds as far as the pilot is linear and the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,23 +18,37 @@ import numpy as np
 
 from pilotid.datasets import AnyScenario, Scenario
 from pilotid.datasets.named import designed_scenario, scenario_json
+from pilotid.datasets.recorder import Recorder
+from pilotid.datasets.scenarios import checked
+from pilotid.datasets.signals import Multisine, TabulatedRemnant
 from pilotid.estimate.estimate import Estimate
-from pilotid.estimate.method import Method, identify
-from pilotid.estimate.quantities import Specification
+from pilotid.estimate.loops import stabilised_element
+from pilotid.estimate.method import Fitted, Method, identify
+from pilotid.estimate.quantities import RemnantEstimate, Specification
+from pilotid.estimate.warnings import element_unknown
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import MODELS
+from pilotid.model.element import ControlledElement
+from pilotid.model.loops import pilot_on
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import floors_of, known_lines
 from pilotid.study.study import Study
 from pilotid.study.table import Comparison, judge
 from pilotid.support.disk import make_folder, strict_json, write_file
-from pilotid.support.numbers import DEFAULT_SEED, fit_rng
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.naming import name_of
+from pilotid.support.numbers import DEFAULT_SEED, fit_rng, rms
+from pilotid.support.types import FloatArray, InputError, IntArray
 
 #: Fits the recording where nothing else is named, and makes the simulated pilot.
 DEFAULT_METHOD = "mle"
 COVERED = 0.95
 TRUST = "trust.json"
+#: rms of the difference of two signals, over their own, up to which they are the same.
+SAME_SIGNAL = 0.02
+RETURN_SECONDS = 5.0  # seconds in which a signal without whole periods returns to where it began
+SMALLEST_LINE = 1e-3  # a line is kept if its amplitude is at least this share of the largest one
+FAINT = 1e-4  # share of a signal's rms below which a recorder's noise is left out
 #: What no simulation of a fit can tell.
 UNKNOWN = (
     "This cannot know whether the pilot is linear and constant, and whether model and controlled "
@@ -212,11 +227,11 @@ def try_fit(
     Raises
     ------
     InputError
-        If the fit failed, `Scenario.from_fit` refuses it, or the folder holds another trial.
+        If the fit failed, `scenario_of_estimate` refuses it, or the folder holds another trial.
     """
     named = [method_named(m) if isinstance(m, str) else m for m in tried]
     estimate, simulated = fits_of(recording, model, named[:1], seed)
-    scenario = Scenario.from_fit(simulated, recording)
+    scenario = scenario_of_estimate(simulated, recording)
     make_folder(folder)
     path, origin = folder / TRUST, list[AnyScenario | str]([scenario])
     facts: dict[str, object] = {"seed": seed}
@@ -259,3 +274,169 @@ def fits_of(
     if estimate.remnant is not None:
         return estimate, estimate
     return estimate, identify(usual, recording, model, fit_rng(seed, DEFAULT_METHOD))
+
+
+# --------------------------------------------------------------------- the scenario of an estimate
+
+
+def scenario_of_estimate(estimate: Estimate, recording: Recording) -> Scenario:
+    """The scenario of a recording: what would be recorded if its estimate were the truth.
+
+    The forcing functions are those that were recorded, the remnant has the estimated
+    spectrum, and the recorder adds as much to e and x as was found there.
+
+    Parameters
+    ----------
+    estimate
+        A fit whose method estimates the remnant, such as ``mle``.
+    recording
+        The recording that was fitted.
+
+    Raises
+    ------
+    InputError
+        If the fit failed or has no remnant; if the pilot varies in time, no controlled
+        element is known, or the loop of the two is unstable; if the forcing functions differ
+        from run to run.
+    """
+    model, source = estimate.model, recording.source
+    element: ControlledElement | None = None
+    if not estimate.outcome.usable or estimate.remnant is None:
+        why = "it has no remnant" if estimate.outcome.usable else estimate.sentence
+    elif model.changes or model.extra:
+        why = f"model {model.name} varies in time, or acts on more than e, x and ft"
+    else:
+        element = stabilised_element(recording, model, estimate.values)
+        unstable = "its loop with the element is unstable: check the signs of the signals"
+        why = element_unknown(recording) or unstable
+    if element is None or estimate.remnant is None:
+        raise InputError(f"{source}: the fit by {estimate.method} cannot be simulated: {why}")
+
+    def to_control(omega: FloatArray) -> FloatArray:
+        loop = element.response(omega) * sum(pilot_on(model, omega, estimate.values))
+        return np.asarray(1.0 / np.abs(1.0 + loop) ** 2)
+
+    stem = name_of(Path(source).stem).strip(".")
+    return checked(
+        Scenario(
+            f"like-{stem or 'recording'}"[:100],
+            f"pilots like that of {source}, as {estimate.method} fits it",
+            model,
+            tuple(estimate.values.tolist()),
+            # Methods have to find what the recording does not name.
+            element if recording.controlled_element else replace(element, name=""),
+            recorded_forcing(recording, "ft"),
+            recorded_forcing(recording, "fd"),
+            recorded_remnant(estimate.remnant, recording, to_control),
+            duration=recording.duration,
+            run_in=recording.run_in * recording.dt,
+            dt=recording.dt,
+            runs=recording.runs,
+            recorder=recorded_noise(recording),
+            units=tuple(recording.units.items()),
+        )
+    )
+
+
+def fitted_scenario(fitted: Fitted) -> dict[str, Any] | None:
+    """What would be recorded if a fit were the truth, as `scenario_json` has it.
+
+    None where no estimate can be simulated, or where the file cannot hold its scenario.
+    """
+    if not known_lines(fitted.recording):
+        return None
+    recording = fitted.loop_element.named_in(fitted.recording)
+    for estimate in fitted.estimates:
+        # Starts and bounds of the search are none of the pilot's.
+        model = replace(estimate.model, overrides=())
+        with suppress(InputError):
+            return scenario_json(scenario_of_estimate(replace(estimate, model=model), recording))
+    return None
+
+
+def recorded_forcing(recording: Recording, name: str) -> Multisine | None:
+    """A forcing function of a recording, None where there is none.
+
+    One without whole periods in the window is a sum of sines too, over a period a little longer
+    than the recording.
+
+    Parameters
+    ----------
+    recording
+        The recording; a target that was not recorded is e + x.
+    name
+        ``ft`` or ``fd``.
+
+    Raises
+    ------
+    InputError
+        If it differs from run to run.
+    """
+    signal = recording.input("ft") if name == "ft" else recording.fd
+    if signal is None or rms(signal) <= 1e-9 * rms(recording.e if name == "ft" else recording.u):
+        return None
+    mean = np.mean(signal, axis=0)
+    if rms(signal - mean) > SAME_SIGNAL * rms(mean):
+        raise InputError(
+            f"{recording.source}: {name} differs from run to run, so that its runs have no common "
+            "scenario; give one run, or runs with the same forcing functions"
+        )
+    if (lines := known_lines(recording).get(name)) is not None:
+        window = mean[recording.run_in :]
+        sines = _sines(window, recording.dt, 0.0, lines)
+        if rms(sines.at(recording.time) + window.mean() - mean) <= SAME_SIGNAL * rms(mean):
+            return sines
+    turn = np.linspace(0.0, math.pi, round(RETURN_SECONDS / recording.dt), endpoint=False)[1:]
+    back = mean[-1] + (mean[0] - mean[-1]) * 0.5 * (1.0 - np.cos(turn))
+    return _sines(np.append(mean, back), recording.dt, float(recording.time[0]))
+
+
+def _sines(signal: FloatArray, dt: float, begin: float, lines: IntArray | None = None) -> Multisine:
+    """A sampled period that begins at a time [s], without its mean: at lines, or all that count."""
+    phasors = 2j * np.fft.rfft(signal)[1 : (signal.size + 1) // 2] / signal.size
+    if lines is None:
+        lines = 1 + np.flatnonzero(np.abs(phasors) >= SMALLEST_LINE * np.abs(phasors).max())
+    kept = phasors[lines - 1] * np.exp(-2j * math.pi * lines * begin / (signal.size * dt))
+    size, phase = np.abs(kept).tolist(), np.angle(kept).tolist()
+    return Multisine(tuple(lines.tolist()), tuple(size), tuple(phase), signal.size * dt)
+
+
+def recorded_remnant(
+    remnant: RemnantEstimate, recording: Recording, to_control: Callable[[FloatArray], FloatArray]
+) -> TabulatedRemnant:
+    """The remnant by its estimated spectrum; above the band by that of the recorded control.
+
+    Parameters
+    ----------
+    remnant
+        The estimate.
+    recording
+        The recording.
+    to_control
+        Power of the control for each unit of the remnant's, at frequencies [rad/s].
+    """
+    floors, nyquist = floors_of(recording), 1.001 * math.pi / recording.dt
+    above = floors.omega > remnant.omega[-1]
+    omega = np.concatenate([remnant.omega, floors.omega[above]])
+    beyond = floors.power["u"][above] / to_control(floors.omega[above])
+    density = np.concatenate([remnant.density, beyond])
+    density = np.maximum(density, 1e-12 * density.max())
+    return TabulatedRemnant(
+        omega=(*omega.tolist(), nyquist),
+        density=(*density.tolist(), float(density[-1])),
+        coefficients=len(remnant.parameters),
+        band=float(remnant.omega[-1]),
+    )
+
+
+def recorded_noise(recording: Recording) -> Recorder | None:
+    """A recorder with the floors of e and x; that of u is part of the remnant's spectrum."""
+    floor, nyquist = floors_of(recording).floor, math.pi / recording.dt
+    made = rms(recording.e + recording.x - recording.input("ft")) < FAINT * rms(recording.e)
+    made = made and recording.ft is not None
+    error, output = (
+        math.sqrt(floor[name] * nyquist) / max(rms(getattr(recording, name)), 1e-300)
+        for name in ("e", "x")
+    )
+    noise = (0.0 if made or error < FAINT else error, 0.0, 0.0 if output < FAINT else output)
+    return Recorder(noise=noise, makes_error=made) if any(noise) else None

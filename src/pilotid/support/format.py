@@ -14,7 +14,6 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from html import unescape
 from itertools import compress, pairwise, starmap
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -129,24 +128,6 @@ def inline(text: str) -> Markup:
     safe = re.sub(r"\*\*([^*]+)\*\*", r"<strong>\1</strong>", safe)
     safe = safe.replace(" %", "&nbsp;%")
     return Markup(re.sub(LINK, r'<a href="\2">\1</a>', safe))
-
-
-def math_html(formula: str) -> Markup:
-    """A formula of letters, indices and powers as HTML; other commands lose their backslash."""
-    from markupsafe import Markup
-
-    text = re.sub(r"\\mathrm\{(\w+)\}", r"\1", formula.strip("$"))
-    text = re.sub(r"\\(?:var)?([a-z]+)", _letter, text).replace(r"\,", " ")
-    text = str(inline(text))
-    for sign, tag in (("_", "sub"), ("^", "sup")):
-        text = re.sub(rf"\{sign}(?:\{{([^}}]*)\}}|(.))", rf"<{tag}>\1\2</{tag}>", text)
-    return Markup(text)
-
-
-def _letter(command: re.Match[str]) -> str:
-    """The letter or sign that a command stands for, or its name."""
-    sign = unescape(f"&{command[1]};")
-    return command[1] if sign.startswith("&") else sign
 
 
 def for_markdown(text: str) -> str:

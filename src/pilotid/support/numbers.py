@@ -1,4 +1,4 @@
-"""Numbers: what chance allows, random generators, and ranges of settings."""
+"""Numbers: what chance allows, covariances, random generators, and ranges of settings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from zlib import crc32
 
 import numpy as np
 
-from pilotid.support.types import InputError
+from pilotid.support.types import FloatArray, InputError
 
 #: Standard deviations on either side of the mean that hold 95 % of a normal distribution.
 Z95 = 1.959963984540054
@@ -47,6 +47,46 @@ def chi_squared_tail(freedom: float, value: float) -> float:
     from scipy.special import chdtrc
 
     return float(chdtrc(freedom, max(value, 0.0)))
+
+
+def rms(signal: FloatArray) -> float:
+    """Root mean square of all samples of a signal."""
+    return float(np.sqrt(np.mean(signal**2)))
+
+
+#: Ratio of the smallest to the largest eigenvalue below which rounding decides.
+SINGULAR = 1e-13
+
+
+def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
+    """Inverse of a least-squares information matrix, or None if it is singular.
+
+    Parameters
+    ----------
+    hessian
+        Inner products J'J, shape (parameters, parameters).
+    variance
+        Variance of the white residual.
+    """
+    inverted = scaled_inverse(hessian)
+    if inverted is None:
+        return None
+    inverse, scale = inverted
+    return np.asarray(variance * inverse / np.outer(scale, scale))
+
+
+def scaled_inverse(
+    matrix: FloatArray, least: float = SINGULAR
+) -> tuple[FloatArray, FloatArray] | None:
+    """Inverse of a matrix scaled to a unit diagonal, and the scale; None if it is singular."""
+    diagonal = np.diag(matrix)
+    if not (np.all(np.isfinite(matrix)) and np.all(diagonal > 0.0)):
+        return None
+    scale = np.sqrt(diagonal)
+    eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    if eigenvalues[0] <= least * eigenvalues[-1]:
+        return None
+    return (vectors / eigenvalues) @ vectors.T, scale
 
 
 DEFAULT_SEED = 1

@@ -1,10 +1,8 @@
-"""What an estimator can reach and where it goes wrong, from exact closed-loop spectra.
+"""What an estimator can reach, from exact closed-loop spectra.
 
 No simulation: the Cramer-Rao bound is the inverse of the Fisher information of the
-whitened prediction error, and an estimator that takes the residual for white is described
-by the minimum of its expected cost and by the sandwich covariance there (Ljung, System
-Identification, 2nd ed., ch. 8, 9 and 13).  All of it holds for long recordings; edges,
-transients and the skewness of short ones are for Monte Carlo to show.
+whitened prediction error (Ljung, System Identification, 2nd ed., ch. 8 and 13).  All of it holds
+for long recordings; edges, transients and the skewness of short ones are for Monte Carlo to show.
 
 Spectra are normalised so that sampled white noise of variance s^2 has density s^2: a variance is
 the mean of a density from 0 to half the sampling rate.
@@ -19,9 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.model.model import PilotModel
-from pilotid.solve.intervals import covariance_of, hessian_of, sandwich_of
-from pilotid.solve.least_squares import minimise
-from pilotid.support.types import ComplexArray, FloatArray, InputError
+from pilotid.support.numbers import covariance_of
+from pilotid.support.types import ComplexArray, FloatArray
 
 #: Frequencies [rad/s], and error and output there, each of shape (n,).
 Inputs = tuple[FloatArray, ComplexArray, ComplexArray]
@@ -108,10 +105,6 @@ class View:
         self.lines = omega[inside], error[inside], output[inside]
         self.at_lines = experiment.circulation(self.lines[0])
 
-    def products(self, first: ComplexArray, second: ComplexArray) -> FloatArray:
-        """Means over the band of all products of two sets of spectra."""
-        return np.asarray(np.real(first * self.weights @ second.conj().T))
-
     def information(self, first: ComplexArray, second: ComplexArray) -> FloatArray:
         """Information per sample in what the remnant circulates, of two sets of its spectra.
 
@@ -119,46 +112,8 @@ class View:
         `pilotid.likelihood.band_likelihood`; what both tell is the product of real parts.
         """
         if self.share == 1.0:  # over all frequencies the term is nil
-            return self.products(first, second)
+            return np.asarray(np.real(first * self.weights @ second.conj().T))
         return np.asarray(2.0 * (first.real * self.weights) @ second.real.T)
-
-    def rows(self, inputs: Inputs, values: FloatArray, own: float) -> ComplexArray:
-        """Gradient of the predicted control for these inputs and, last, the residual, (rows, n).
-
-        The residual is what the true pilot answers less the predicted answer, and `own`, which
-        the cause adds to the control itself: 1 for the remnant, 0 for forcing functions.
-        """
-        model, truth = self.experiment.model, self.experiment.values
-        difference = model.response(inputs[0], truth) - model.response(inputs[0], values)
-        missed = np.sum(difference * _signed(model, inputs), axis=0)
-        return np.vstack([gradient_of(model, inputs, values), own + missed])
-
-    def mean_products(self, values: FloatArray) -> FloatArray:
-        """Expected products of the gradient's and the residual's samples, after decimation."""
-        free = self.rows(self.remnant, values, 1.0)
-        free = free * np.sqrt(self.share * self.circulation.density)
-        forced = self.rows(self.lines, values, 0.0)
-        return np.asarray(self.products(free, free) + 0.5 * np.real(forced @ forced.conj().T))
-
-    def score_covariance(self, values: FloatArray) -> FloatArray:
-        """Long-run covariance of gradient times residual, for a Gaussian remnant.
-
-        The fourth moments of the circulating remnant follow from its second ones
-        (Isserlis); a line's phasors multiply what the remnant does at its frequency.
-        """
-        free = self.rows(self.remnant, values, 1.0)
-        direct = self.share * self.circulation.density * np.abs(free[-1]) * free[:-1]
-        crossed = self.share * self.circulation.density * free[-1].conj() * free[:-1]
-        forced = self.rows(self.lines, values, 0.0)
-        at_lines = self.lines[0], self.at_lines.error, self.at_lines.output
-        free = self.rows(at_lines, values, 1.0)
-        mixed = forced[:-1].conj() * free[-1] + forced[-1].conj() * free[:-1]
-        mixed = mixed * np.sqrt(0.5 * self.share * self.at_lines.density)
-        return np.asarray(
-            self.products(direct, direct)
-            + self.products(crossed, crossed.conj())
-            + np.real(mixed @ mixed.conj().T)
-        )
 
 
 class Bounds(NamedTuple):
@@ -217,66 +172,6 @@ def _remnant_information(view: View) -> tuple[FloatArray, FloatArray]:
     cross = view.information(gradient, by_shape)
     taken = cross @ np.linalg.solve(view.information(by_shape, by_shape), cross.T)
     return view.information(gradient, gradient), np.asarray(taken)
-
-
-class WhiteLimit(NamedTuple):
-    """Output error with a residual taken for white, in the limit of a long recording.
-
-    Attributes
-    ----------
-    values
-        Where the estimate goes, shape (parameters,).
-    bias
-        The same less the truth.
-    claimed
-        The covariance that the method reports, shape (parameters, parameters).
-    sandwich
-        The covariance that it has.
-    """
-
-    values: FloatArray
-    bias: FloatArray
-    claimed: FloatArray
-    sandwich: FloatArray
-
-
-def white_limit(experiment: Experiment, band: float | None = None) -> WhiteLimit:
-    """Bias, claimed covariance and true covariance of output error with a white residual.
-
-    The minimum is the one that is reached from the truth.
-
-    Parameters
-    ----------
-    experiment
-        The loop and its excitation, which must be periodic.
-    band
-        Analysis band [rad/s]; None for the full sampling rate.
-
-    Raises
-    ------
-    InputError
-        If the excitation is not periodic: a single transient has no limit for long
-        recordings, since its share of the record vanishes.
-    """
-    if experiment.transient is not None:
-        raise InputError("the limit of long recordings needs a periodic excitation, not a step")
-    view = View(experiment, band)
-
-    def gram(sets: FloatArray) -> FloatArray:
-        return np.array([view.mean_products(values) for values in sets])
-
-    end = minimise(gram, experiment.values[None], experiment.model, tolerance=1e-13, iterations=300)
-    values, terms = end.values[0], end.gram[0]
-    claimed = _inverse(view.samples * terms[:-1, :-1] / terms[-1, -1])
-    sandwich = sandwich_of(hessian_of(gram, values), view.score_covariance(values) / view.samples)
-    if not end.converged[0] or sandwich is None:
-        raise InputError("the expected cost has no proper minimum near the true parameters")
-    return WhiteLimit(
-        values,
-        values - experiment.values,
-        claimed / experiment.runs,
-        sandwich / experiment.runs,
-    )
 
 
 def _forcing_information(view: View) -> FloatArray:
