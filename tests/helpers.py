@@ -39,7 +39,8 @@ LAGGED = element_named("4/(s(s+1.5))")
 
 def pilot(name: str, truth: tuple[float, ...], element: ControlledElement) -> Scenario:
     """The nominal experiment with a pilot of another model, which names it."""
-    return replace(NOMINAL, name=name, model=MODELS[name], truth=truth, element=element)
+    model = MODELS[name].with_element(element)
+    return replace(NOMINAL, name=name, model=model, truth=truth, element=element)
 
 
 #: A pilot of each model of the catalogue, in a stable loop, by the model's name.
@@ -59,6 +60,7 @@ PILOTS = {
             (4.75 * 0.2865, 0.30, 0.95, 0.22, 3.00 * 0.2865, 0.19, 14.0, 0.30),
             TRAINED,
         ),
+        pilot("crossover", (2.2, 0.35), element_named("2/s")),
         pilot("precision", (3.0, 0.25, 1.1, 2.5, 8.0, 0.2, 12.0, 0.4), element_named("2/s")),
         pilot("pursuit", (0.8, 0.35, 0.28, 0.35, 0.16, 0.23, 12.0, 0.35), element_named("2/s")),
         pilot("preview", (0.3, 1.1, 0.26, 0.9, 0.25, 0.7, 0.06, 0.12, 0.3, 11.0, 0.35), LAGGED),

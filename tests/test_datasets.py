@@ -396,6 +396,8 @@ def test_simulation_agrees_with_an_independent_one_in_the_time_domain(
 def paths_of(scenario: Scenario, step: float) -> list[tuple[str, Exact, int]]:
     """By hand, the paths of a pilot: input, transfer, delay; a negative one is ahead."""
     v = dict(zip(scenario.model.keys, scenario.truth, strict=True))
+    if scenario.model.name == "crossover":  # of 2/s
+        return [("e", Exact([v["wc"] / 2.0], [1.0], step), round(v["tde"] / step))]
     ff, lead, rate = v["fnm"] ** 2, [v.get("tlead", 0.0), 1.0], [1.0, 0.0]
     muscle = [1.0, 2.0 * v["dnm"] * v["fnm"], ff]
 
@@ -440,7 +442,7 @@ def paths_of(scenario: Scenario, step: float) -> list[tuple[str, Exact, int]]:
     return found
 
 
-OTHERS = ["preview", "look-ahead", "following", "precision"]
+OTHERS = ["preview", "look-ahead", "following", "crossover", "precision"]
 
 
 @pytest.mark.parametrize(

@@ -9,19 +9,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, differences
+from helpers import NOMINAL, SINGLE_LOOP, differences
 
 from pilotid.datasets import SCENARIOS, simulate
+from pilotid.estimate.warnings import made_for, motionless_input
 from pilotid.likelihood.prediction import predict
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.channel import Channel
-from pilotid.model.element import Rational, pade
+from pilotid.model.element import Rational, element_named, pade
 from pilotid.model.factors import (
     Canals,
     Delay,
     Differentiator,
     Factor,
     Gain,
+    Inverse,
     Lag,
     Lead,
     Neuromuscular,
@@ -75,6 +77,8 @@ FACTORS: tuple[Factor, ...] = (
     Differentiator(1),
     Differentiator(2),
     Canals(),
+    Inverse(element_named("6/(s(s+0.5))")),
+    Inverse(element_named("3")),
     Neuromuscular(),
     Washout(),
 )
@@ -312,6 +316,28 @@ def test_a_delay_of_one_s_own_is_a_delay(factor: Factor) -> None:
 
 
 # ------------------------------------------------------- controlled elements and looks ahead
+
+
+@pytest.mark.parametrize("text", ["2/s", "4/s^2", "15 exp(-0.1s)/(s(s+3))", "0.5", "3(s+2)/s^2"])
+def test_the_crossover_model_makes_an_integrator_of_its_element(text: str) -> None:
+    element = element_named(text)
+    model = MODELS["crossover"].with_element(element)
+    assert MODELS["crossover"].needs_element
+    assert not model.needs_element
+    omega = np.geomspace(0.3, 20.0, 30)
+    loop = model.response(omega, np.array([2.5, 0.3]))[0] * element.response(omega)
+    expected = 2.5 / (1j * omega) * np.exp(-1j * omega * (0.3 + element.delay))
+    # A gain is given a pole at .01 rad/s in place of an integrator.
+    np.testing.assert_allclose(loop, expected, rtol=0.04 if text == "0.5" else 1e-9)
+
+
+@pytest.mark.parametrize("text", ["", "vehicle", "(1-s)/s^2"])
+def test_the_crossover_model_objects_without_an_element_that_can_be_inverted(text: str) -> None:
+    recording = simulate(SINGLE_LOOP, np.random.default_rng(1))
+    recording = replace(recording, controlled_element=text)
+    assert "stable inverse" in (
+        motionless_input(recording, made_for(recording, MODELS["crossover"])) or ""
+    )
 
 
 def test_how_far_a_model_looks_ahead_follows_bounds_and_held_values() -> None:

@@ -263,7 +263,7 @@ def test_all_models_that_the_signals_allow_are_tried_and_the_others_named(name: 
     tried = {c.model for c in found.candidates}
     untried = found.reason.partition("Not tried: ")[2]
     assert all(name in untried for name in set(MODELS) - tried)
-    assert {"pursuit", "precision"} <= tried
+    assert {"pursuit", "precision", "crossover"} <= tried
     assert {"adapting", "preview", "following"}.isdisjoint(tried)
 
 

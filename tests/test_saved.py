@@ -138,6 +138,7 @@ def equal(one: object, two: object) -> bool:
         (MODELS["multi"].with_fixed(fnm=12.0), "arx"),
         (MODELS["multi"].with_bounds(tlead=(0.1, 9.0)), "mle-white"),
         (MODELS["adapting"], "mle-white"),
+        (MODELS["crossover"], "mle"),
     ],
     ids=lambda given: getattr(given, "name", given),
 )

@@ -46,7 +46,7 @@ def test_the_family_is_there_and_its_truth_is_that_of_the_nominal_pilot() -> Non
         assert truths_of(SCENARIOS[name]) == known
 
 
-@pytest.mark.parametrize("model", PILOTS)
+@pytest.mark.parametrize("model", [name for name in PILOTS if name != "crossover"])
 def test_stepping_agrees_with_the_exact_linear_loop(model: str) -> None:
     scenario = replace(PILOTS[model], runs=2)
     same = replace(scenario, violation=FAR)

@@ -52,6 +52,7 @@ from pilotid.model.factors import Delay as Delay
 from pilotid.model.factors import Differentiator as Differentiator
 from pilotid.model.factors import Factor as Factor
 from pilotid.model.factors import Gain as Gain
+from pilotid.model.factors import Inverse as Inverse
 from pilotid.model.factors import Lag as Lag
 from pilotid.model.factors import Lead as Lead
 from pilotid.model.factors import LookAhead as LookAhead

@@ -6,7 +6,7 @@ import enum
 import json
 import math
 import os
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -29,6 +29,7 @@ from pilotid.estimate.quantities import (
 )
 from pilotid.model.catalogue import MODELS
 from pilotid.model.element import ControlledElement, as_element
+from pilotid.model.factors import Inverse
 from pilotid.model.model import PilotModel
 from pilotid.support.disk import require_file, strict_json, write_file
 from pilotid.support.format import as_text
@@ -282,10 +283,13 @@ class Estimate:
             Whether with the draws of the posterior, which take much room.
         """
         starts, model = self.starts, self.model
+        elements = (f.element for c in model.channels for f in c.factors if isinstance(f, Inverse))
+        element = next(elements, None)
         result: dict[str, object] = {
             "method": self.method,
             "model": {
                 "name": model.name,
+                "element": element and asdict(element),
                 "bounds": {p.key: [p.lower, p.upper] for p in model.parameters},
             },
             "outcome": self.outcome.slug,
@@ -602,14 +606,17 @@ def _part(kind: type[T], entry: dict[str, Any] | None) -> T | None:
 
 
 def _model(entry: dict[str, Any]) -> PilotModel:
-    """The model of the catalogue with the name, bounds and fixed values of an entry."""
+    """The model of the catalogue with the name, element, bounds and fixed values of an entry."""
     about = entry["model"]
     if about["name"] not in MODELS:
         raise InputError(
             f"model {about['name']} is none of the catalogue; give it, as in "
             "load_estimate(path, model=mine)"
         )
-    model = MODELS[about["name"]].with_fixed(**entry["held"])
+    model = MODELS[about["name"]]
+    if element := _part(ControlledElement, about["element"]):
+        model = model.with_element(element)
+    model = model.with_fixed(**entry["held"])
     usual = {p.key: [p.lower, p.upper] for p in model.parameters}
     return model.with_bounds(
         **{key: tuple(ends) for key, ends in about["bounds"].items() if ends != usual.get(key)}

@@ -32,6 +32,8 @@ SYMBOLS = {
     "tdvest": r"\tau_{vs}",
     "Km": "K_m",
     "tdm": r"\tau_m",
+    "wc": r"\omega_c",
+    "tde": r"\tau_e",
     "tleadlow": "T_K",
     "tlaglow": "T_K'",
     "Kt": "K_t",

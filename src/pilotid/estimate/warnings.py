@@ -16,6 +16,7 @@ from pilotid.estimate.estimate import Estimate, Outcome, at_bounds
 from pilotid.estimate.quantities import spans_decade
 from pilotid.model.catalogue import fault_of
 from pilotid.model.channel import STEEP
+from pilotid.model.element import parsed_element
 from pilotid.model.factors import Neuromuscular
 from pilotid.model.loops import is_stable, pilot_on
 from pilotid.model.model import PilotModel
@@ -30,7 +31,7 @@ from pilotid.recording.spectra import (
 )
 from pilotid.support.limits import ESTIMATE, SIGNAL
 from pilotid.support.remarks import Remark, codes_of, remark_of
-from pilotid.support.types import ComplexArray, FloatArray
+from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 # -------------------------------------------------------------------------------------- objections
 
@@ -43,6 +44,12 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
     """Why no method can identify a model: a channel has nothing to act on, or is infinite."""
     if fault := fault_of(model):
         return fault
+    if model.needs_element:
+        named = recording.controlled_element
+        return (
+            f"model {model.name} is made for a controlled element with a stable inverse, and the "
+            f"recording names {named or 'none'}; name one, for example --element 4/s^2"
+        )
     if missing := unrecorded(recording, model):
         return missing
     for channel in model.channels:
@@ -74,6 +81,18 @@ def unrecorded(recording: Recording, model: PilotModel) -> str | None:
         f"{recording.duration:.3g} s cannot be scored, since the target beyond it is not recorded; "
         "bound the look-ahead, for example --fix tlook=0..2"
     )
+
+
+def made_for(recording: Recording, model: PilotModel) -> PilotModel:
+    """A model for the controlled element that a recording names; one that needs none as it is.
+
+    It stays as it is, too, where no element is named that a pilot can invert.
+    """
+    element = parsed_element(recording.controlled_element) if model.needs_element else None
+    try:
+        return model if element is None else model.with_element(element)
+    except InputError:
+        return model
 
 
 def shared_signals(recording: Recording, model: PilotModel) -> str | None:

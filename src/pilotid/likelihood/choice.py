@@ -24,7 +24,7 @@ import numpy as np
 
 from pilotid.checks.checks import motionless
 from pilotid.estimate.estimate import at_bounds, bounds_reached
-from pilotid.estimate.warnings import lines_objection, motionless_input
+from pilotid.estimate.warnings import lines_objection, made_for, motionless_input
 from pilotid.likelihood.estimates import simulated_vaf
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum
@@ -124,6 +124,7 @@ def _is_told_apart(recording: Recording, model: PilotModel) -> bool:
         or len({*inputs}) < len(inputs)
         or (len(inputs) > 1 and lacks)
         or ("e" not in inputs and motionless(recording, "e"))
+        or made_for(recording, model).needs_element
     )
 
 
@@ -148,6 +149,7 @@ def compare_models(
     InputError
         If no model has all its inputs in the recording.
     """
+    models = [made_for(recording, model) for model in models]
     models = [model for model in models if motionless_input(recording, model) is None]
     if not models:
         raise InputError(f"{recording.source}: none of the models has its inputs in the recording")

@@ -19,6 +19,7 @@ from pilotid.model.factors import (
     Differentiator,
     Factor,
     Gain,
+    Inverse,
     Lag,
     Lead,
     LookAhead,
@@ -130,6 +131,18 @@ _CATALOGUE = (
         "visual channel with (1 + tlead s)^2/(1 + tlag s) and semicircular-canal channel on "
         "acceleration (Pool, Harder & van Paassen 2016)",
     ).with_start({"tdvest": 0.25}),  # .2 is next to what is published
+    PilotModel(
+        "crossover",
+        (
+            _visual(
+                Gain("wc", 2.5, "rad/s", (0.05, 50.0)),
+                Delay("tde", 0.3, usual=(0.1, 0.6)),
+                Inverse(),
+            ),
+        ),
+        "what makes wc e^{-tde s}/s the open loop with the controlled element, about the crossover "
+        "frequency alone (McRuer & Jex 1967)",
+    ),
     # The first-order lag of the neuromuscular system of the publication is left to the delay.  What
     # acts at low frequencies is bounded away from the equalisation, or they would change places.
     PilotModel(

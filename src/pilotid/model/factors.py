@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from pilotid.model.element import Rational, pade
+from pilotid.model.element import ControlledElement, Rational, pade
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 #: Parameters of a factor: one array each, which broadcasts against s, so that many
@@ -418,8 +418,24 @@ class Differentiator(Factor):
         return [1.0] + [0.0] * self.order, [1.0]
 
 
+class Fixed(Factor):
+    """A transfer function without parameters, see `ratio`."""
+
+    @property
+    def ratio(self) -> Rational:
+        """Numerator and denominator coefficients, highest power of s first."""
+        raise NotImplementedError
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        top, bottom = self.ratio
+        return np.asarray(np.polyval(top, s) / np.polyval(bottom, s))
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return self.ratio
+
+
 @dataclass(frozen=True)
-class Canals(Factor):
+class Canals(Fixed):
     """Semicircular canals (1 + tv1 s) / (1 + tv2 s), with fixed time constants.
 
     The defaults, 0.1 s and 6 s, are those of AIAA 2008-7109, Eq. (1).
@@ -437,12 +453,47 @@ class Canals(Factor):
     def fixed_poles(self) -> tuple[float, ...]:
         return (-1.0 / self.tv2,)
 
-    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
-        top, bottom = self.rational((), 1)
-        return np.asarray(np.polyval(top, s) / np.polyval(bottom, s))
-
-    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+    @property
+    def ratio(self) -> Rational:
         return [self.tv1, 1.0], [self.tv2, 1.0]
+
+
+#: Pole in place of an integrator [rad/s], which no recording is long enough to tell from one.
+ALMOST_INTEGRATOR = 0.01
+
+
+@dataclass(frozen=True)
+class Inverse(Fixed):
+    """1/(s Hc(s)): what makes an integrator of a controlled element, but for its delay.
+
+    Attributes
+    ----------
+    element
+        The controlled element; None until a recording names it, and 1/s so long.
+    """
+
+    element: ControlledElement | None = None
+
+    def __post_init__(self) -> None:
+        if self.element is not None and any(np.real(np.roots(self.element.numerator)) >= 0.0):
+            raise InputError(
+                f"the inverse of {self.element.name or 'the controlled element'} is unstable, so "
+                "that no pilot makes an integrator of it; choose a model that is given a form"
+            )
+
+    @property
+    def ratio(self) -> Rational:
+        if self.element is None:
+            return [1.0], [1.0]
+        top, bottom = list(self.element.denominator), list(self.element.numerator)
+        if top[-1] == 0.0:
+            return top[:-1], bottom
+        return top, np.polymul(bottom, [1.0, ALMOST_INTEGRATOR]).tolist()
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        is_gain = self.element is not None and self.element.denominator[-1] != 0.0
+        return (-ALMOST_INTEGRATOR,) if is_gain else ()
 
 
 @dataclass(frozen=True)

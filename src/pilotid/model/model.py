@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.model.channel import INPUTS, RATE, SHIFTS, STEEP, TIME, AnyFactor, Changing, Channel
-from pilotid.model.element import Rational
+from pilotid.model.element import ControlledElement, Rational
 from pilotid.model.factors import (
     Evaluated,
     Factor,
     Held,
+    Inverse,
     Lag,
     Lead,
     Parameter,
@@ -158,6 +159,23 @@ class PilotModel:
     def extra(self) -> tuple[str, ...]:
         """Signals beside e, x and ft that channels act on: how the loop moves them is unknown."""
         return tuple(dict.fromkeys(c.on for c in self.channels if c.on not in INPUTS.values()))
+
+    @cached_property
+    def needs_element(self) -> bool:
+        """Whether the model is made for a controlled element and does not know it yet."""
+        return Inverse() in [f for c in self.channels for f in c.factors]
+
+    def with_element(self, element: ControlledElement) -> PilotModel:
+        """The same model for a controlled element; one that needs none as it is.
+
+        Raises
+        ------
+        InputError
+            If no pilot can invert the element.
+        """
+        if not self.needs_element:
+            return self
+        return self._with_factors(lambda f: (Inverse(element) if f == Inverse() else f,))
 
     def _with_factors(self, change: Callable[[AnyFactor], Sequence[AnyFactor]]) -> PilotModel:
         """The same model with others in place of each factor."""
