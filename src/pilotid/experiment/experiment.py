@@ -39,8 +39,8 @@ class Experiment(Results):
         A row for each quantity of each fit.
     responses
         Coefficients at the forcing lines of the recordings that count.
-    settings, parts, choices, compared
-        What was asked for; the recordings; the model of each group of recordings, and those in
+    settings, looks, fitted, choices, compared
+        What was asked for; what the tasks gave; the model of each group of recordings, and those in
         which conditions are compared.
     refused
         A sentence for each file or fit that there is not.
@@ -68,7 +68,7 @@ class Experiment(Results):
         Parameters
         ----------
         command
-            The command that makes them, which they name.
+            The command that makes them, which the page names.
         """
         for name in TABLES:
             frame = self.to_dataframe(name)
