@@ -21,24 +21,18 @@ from statsmodels.stats.power import TTestPower
 from pilotid.estimate.quantities import SYMBOLS, symbol
 from pilotid.experiment.comparisons import (
     anova,
-    compared,
     holm,
     paired,
     planned,
     sensitivity,
     subjects_needed,
 )
-from pilotid.experiment.figures import (
-    estimates_figure,
-    figures,
-    responses_figure,
-    variances_figure,
-)
+from pilotid.experiment.figures import figures, means_figure, responses_figure
 from pilotid.experiment.files import Part, pairs_of, with_factors
-from pilotid.experiment.fits import other_units
-from pilotid.experiment.report import means_tables, notable_contrasts, tables_tex
-from pilotid.experiment.results import Fitting, Results, Settings, results_of
-from pilotid.likelihood.choice import Candidate, Choice
+from pilotid.experiment.fits import beside_others
+from pilotid.experiment.report import first_contrasts, left_out_table, means_tables, tables_tex
+from pilotid.experiment.results import Fitting, Results, Settings, choices_of
+from pilotid.likelihood.choice import Candidate
 from pilotid.model.catalogue import MODELS
 from pilotid.support.types import InputError
 
@@ -94,8 +88,7 @@ def made(
         other = {**row, "otherwise": "band", "value": value + 0.05}
         if "absent" not in own:
             fits.append((part, {**empty, "rows": [row, other]}))
-    choices = {part.group: Choice("single", "") for part in parts}
-    return compared(results_of(settings, looks, choices, {}, fits, ()))
+    return Results(settings, looks, *choices_of(looks, settings), fits, ())
 
 
 def test_a_contrast_is_the_paired_t_test() -> None:
@@ -171,7 +164,6 @@ def test_what_cannot_be_tested_is_a_row_that_says_so() -> None:
     (same,) = made({"C1": (0.1, 0.2, 0.3), "C2": (0.4, 0.5, 0.6)}).contrasts.to_dict("records")
     assert same["std_error"] == pytest.approx(0.0, abs=1e-15)
     assert math.isnan(same["t"])
-    assert same["notes"].startswith("no test")
     (one,) = made({"C1": A[:1], "C2": B[:1]}).contrasts.to_dict("records")
     assert (one["subjects"], one["difference"]) == (1, 0.5)
 
@@ -264,7 +256,7 @@ def test_subjects_needed_are_those_of_the_noncentral_t() -> None:
         known = TTestPower().solve_power(effect, alpha=0.05, power=0.8)
         assert subjects_needed(effect) == math.ceil(known)
     assert subjects_needed(1e-3) is None
-    own = planned(made({"C1": A, "C2": B})).to_dict("records")[0]
+    own = planned(made({"C1": A, "C2": B}).contrasts, []).to_dict("records")[0]
     spread = 100.0 * np.std(np.subtract(B, A), ddof=1) / np.mean([A, B])
     assert own["spread"] == pytest.approx(spread)
     assert own["subjects"] == subjects_needed(15.0 / spread)
@@ -289,20 +281,20 @@ def test_tables_for_papers_have_means_differences_and_effects() -> None:
     assert text.count(r"\begin{longtable}") == 3
     assert "$T_L$ & s & $1.34$ ($0.42$)" in text
     assert "motion & $5$" in text
-    assert len(notable_contrasts(made({"C1": A, "C2": B}))[0]) == 1
+    assert len(first_contrasts(made({"C1": A, "C2": B}), ("p",)).rows) == 1
 
 
 def test_figures_hold_what_counts() -> None:
     results = made({"C1": A, "C2": B, "C3": C}, {("4", "C2"): {"why": "not determined"}})
     assert [figure.name for figure in figures(results)] == ["estimates-1"]
     ((_, own),) = results.groups()
-    drawn = estimates_figure(own[own["left_out"] == ""])
-    points = [
-        line.get_xdata().size for line in drawn.axes[0].get_lines() if line.get_marker() == "o"
-    ]
-    assert sum(points) == 14
+    drawn = means_figure(own[own["left_out"] == ""]).axes[0]
+    assert [len(line.get_xdata()) for line in drawn.get_lines() if line.get_marker() == "."] == [14]
+    kept = [value for place, value in enumerate(B) if place != 3]
+    heights = [patch.get_height() for patch in drawn.patches]
+    assert heights == pytest.approx([np.mean(A), np.mean(kept), np.mean(C)])
     more = own[own["subject"] != "1"].assign(parameter="tlag")
-    assert len(estimates_figure(concat([own, more])).axes) == 2
+    assert len(means_figure(concat([own, more])).axes) == 2
     rows = [
         (f"var_e{part}", c, s, "deg^2", scale * (1.0 + 0.1 * s), "")
         for part, scale in (("", 3.0), ("_target", 1.0), ("_remnant", 2.0))
@@ -311,9 +303,8 @@ def test_figures_hold_what_counts() -> None:
     frame = DataFrame(
         rows, columns=["parameter", "condition", "subject", "unit", "value", "left_out"]
     )
-    bars = variances_figure(frame)
-    heights = [patch.get_height() for patch in bars.axes[0].patches]
-    assert sum(heights) == pytest.approx(2 * 3.3)
+    (bars,) = means_figure(frame).axes
+    assert sum(patch.get_height() for patch in bars.patches) == pytest.approx(2 * 3.3)
 
 
 def test_a_coefficient_that_is_poorly_known_weighs_little() -> None:
@@ -334,7 +325,8 @@ def test_every_parameter_of_the_catalogue_has_a_symbol() -> None:
 
 
 def test_shifts_are_in_claimed_errors_of_estimates_that_count() -> None:
-    table = sensitivity(made({"C1": A}, {("2", "C1"): {"why": "at its bound"}}))
+    rows = made({"C1": A}, {("2", "C1"): {"why": "at its bound"}}).quantities
+    table = sensitivity(rows, [])
     assert table.to_dict("records") == [
         {"condition": "C1", "otherwise": "band", "method": "mle", "tlead": pytest.approx(0.5)}
     ]
@@ -344,10 +336,28 @@ def test_a_recording_in_another_unit_than_those_beside_it_is_wrong() -> None:
     sizes = {"1": 1.0, "2": 1.7, "3": 0.0175, "4": 0.8}
     looks = {
         Part((Path(subject),), {"subject": subject, "condition": "A"}): {
-            "rows": [{"parameter": "rms_x", "run": None, "value": size}]
+            "rows": [{"parameter": "rms_x", "run": None, "value": size}],
+            "fingerprints": [],
         }
         for subject, size in sizes.items()
     }
-    ((part, remark),) = other_units(looks)
+    ((part, remark),) = beside_others(looks)
     assert (part.fields["subject"], remark.code, remark.grade) == ("3", "wrong-unit", "wrong")
-    assert not [*other_units(dict([*looks.items()][1:3]))]
+    assert not [*beside_others(dict([*looks.items()][1:3]))]
+
+
+def left_out(method: str, likelihoods: list[float], vaf: float = 80.0) -> DataFrame:
+    known = {"condition": "C1", "file": "a", "run": [1, 2, 3], "model": "single", "method": method}
+    return DataFrame({**known, "vaf": vaf, "log_likelihood": likelihoods})
+
+
+def test_runs_left_out_are_set_against_the_best_that_predicts_them() -> None:
+    lost = left_out("lost", [math.nan] * 3, math.nan)
+    good, bad = left_out("good", [101.0, 102.0, 103.0]), left_out("bad", [97.0] * 3)
+    results = made({"C1": A, "C2": B})
+    object.__setattr__(results, "left_out", concat([good, bad, lost]))
+    table = left_out_table(results)
+    rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+    assert [row["method"] for row in rows] == ["good", "bad", "lost"]
+    assert [row["predicted"] for row in rows] == ["3", "3", "0"]
+    assert [row["behind mean"] for row in rows] == ["0", "-5.00", "-"]

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers import NOMINAL, SINGLE_LOOP, recording_of
-from pandas import DataFrame, concat
 
 from pilotid.datasets import simulate
 from pilotid.estimate.estimate import Outcome, failed
 from pilotid.experiment.fits import lines_shared, performance, predict_left_out
-from pilotid.experiment.report import ranked
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.support.numbers import recording_rng
 
@@ -85,35 +82,11 @@ def test_a_loop_that_nothing_excites_has_no_margins(absent: str, left: str) -> N
 # ------------------------------------------------------------------ runs left out
 
 
-def rows(method: str, likelihoods: list[float], vaf: float = 80.0) -> DataFrame:
-    known: dict[str, object] = {"file": "a", "run": [1, 2, 3], "model": "single", "method": method}
-    return DataFrame({**known, "vaf": vaf, "log_likelihood": likelihoods})
-
-
 def test_every_run_is_predicted_by_the_others() -> None:
     recording = recording_of(replace(SINGLE_LOOP, runs=4))
-    every = predict_left_out(recording, SINGLE_LOOP.model, {"mine": MLEWhite()}, 1)
+    every = [*predict_left_out(recording, SINGLE_LOOP.model, {"mine": MLEWhite()}, 1)]
     assert [row["run"] for row in every] == [1, 2, 3, 4]
     found = every[2]
     assert found["method"] == "mine"
     assert found["outcome"] == "converged"
     assert 40.0 < found["vaf"] < 100.0
-
-
-def test_methods_are_ranked_by_pairs_of_runs() -> None:
-    lost = rows("lost", [math.nan] * 3).assign(vaf=math.nan)
-    found = ranked(
-        concat([lost, rows("bad", [97.0, 97.0, 97.0]), rows("good", [101.0, 102.0, 103.0])])
-    )
-    assert [*found["method"]] == ["good", "bad", "lost"]
-    assert [*found["failed"]] == [0, 0, 3]
-    good, bad, lost = found.itertuples()
-    assert (good.behind, good.vaf_mean) == (0.0, 80.0)
-    assert (bad.behind, bad.behind_error) == pytest.approx((-5.0, 1.0 / math.sqrt(3.0)))
-    assert math.isnan(lost.behind)
-
-
-def test_a_method_that_fails_once_costs_the_others_that_run_alone() -> None:
-    found = ranked(concat([rows("a", [10.0] * 3), rows("b", [12.0, math.nan, 12.0])]))
-    assert [*found["method"]] == ["b", "a"]
-    assert found["behind"][1] == pytest.approx(-2.0)

@@ -85,7 +85,7 @@ def report(folder: Path, fill: Callable[[Store], None], methods: Sequence[str]) 
         study = store.comparison()
         page = write_report(folder, study)
         _, losses, rankings = overview(study)
-        terminal = as_text(*losses, *(own.table for own in rankings))
+        terminal = as_text(*losses, *rankings)
     assert page == folder / "report.html"
     short = (folder / "report.md").read_text(encoding="utf-8")
     return Made(folder, page.read_text(encoding="utf-8"), plain(short), terminal)

@@ -133,7 +133,7 @@ def _finish(folder: Path, store: Store) -> None:
     study.write(folder)
     path = write_report(folder, study)
     words, losses, rankings = overview(study)
-    show(make_console(), *losses, *(each.table for each in rankings), *words, f"report: {path}")
+    show(make_console(), *losses, *rankings, *words, f"report: {path}")
 
 
 def compare_studies(first: Path, second: Path) -> None:
@@ -199,7 +199,7 @@ def trust(
     content = trusted.to_dict()
     words, losses, rankings = overview(trusted.comparison)
     written = f"scenario and numbers: {out / TRUST}, report: {page}"
-    shown = [*losses, *(ranking.table for ranking in rankings), trust_table(content)]
+    shown = [*losses, *rankings, trust_table(content)]
     show(make_console(), *shown, *words, *advice(content), UNKNOWN, written)
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 from functools import reduce
-from itertools import combinations, product
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from scipy.special import fdtrc, poch
 from scipy.stats import nct, t, ttest_rel, wilcoxon
 
 from pilotid.experiment.files import in_order
-from pilotid.experiment.results import Group, Results, conditions_of
 from pilotid.support.types import FloatArray
 
 CONTRAST_COLUMNS = (
@@ -33,112 +31,67 @@ FACTOR_COLUMNS = (
 SHARE, POWER = 15.0, 0.8
 #: Differences are equal if they scatter by no more than the rounding of what they are made of.
 ROUNDING = 1e-12
-#: Kinds of quantities: of signals, which need no model; of loops, which mean the same in every
-#: model; and a model's parameters.
-KINDS = ("measured", "loop", "parameter")
+#: Tests: of differences between two conditions, and of effects of the factors.
+CONTRAST, EFFECT = "contrast", "effect"
 QUANTITY = ["method", "parameter", "unit"]
 
 
-def compared(results: Results) -> Results:
-    """The results with contrasts and effects of factors."""
-    return replace(results, contrasts=contrasts(results), factors=effects(results))
+def quantities_of(
+    cells: DataFrame, test: str, strata: Sequence[str]
+) -> Iterator[tuple[dict[str, Any], DataFrame]]:
+    """Each quantity of each comparison: what it is, and its cells in the conditions' order."""
+    of_test = cells[cells["test"] == test]
+    size = of_test.groupby("comparison")["condition"].transform("nunique")
+    for _, of in of_test.groupby(["comparison", *QUANTITY], sort=False):
+        if of["condition"].nunique() == size[of.index[0]]:  # not all models have all parameters
+            yield of.iloc[0][[*strata, *QUANTITY, "family", "model_suits"]].to_dict(), of
 
 
-#: A quantity of some conditions: where, in which models by condition, and its `cells_of`.
-Quantity = tuple[dict[str, Any], Mapping[str, str], DataFrame]
-
-
-def cells_of(
-    results: Results, sets: Callable[[Sequence[str]], Sequence[Group]]
-) -> Iterator[Quantity]:
-    """Each quantity of sets of conditions that are compared, with the value of each subject.
-
-    Parameters
-    ----------
-    results
-        The results.
-    sets
-        Gives what is compared of the conditions of a stratum.
-
-    Yields
-    ------
-    The stratum's fields, method, parameter, unit, and whether the models suit the conditions; the
-    model by condition; and a row for each subject and condition with ``value``, the mean over
-    recordings if there are more, NaN where none counts, and why it does not.
-    """
-    rows = results.quantities
-    rows = rows[rows["run"].isna() & (rows["otherwise"] == "")]
-    rows = rows[~rows["parameter"].str.startswith("rms_")]
-    rows = rows.assign(value=rows["value"].where(rows["left_out"] == ""))
-    place = [*results.strata, "kind", "condition", "model"]
-    known = rows.groupby([*place, "subject", *QUANTITY], sort=False)
-    means = known.agg(value=("value", "mean"), left_out=("left_out", "max")).reset_index()
-    for stratum, there in conditions_of(results.parts).items():
-        for kind, conditions in product(KINDS, sets(there)):
-            for models, suits in _models(results, kind, stratum, conditions):
-                asked = DataFrame([(*stratum, kind, *own) for own in models.items()], columns=place)
-                for _, of in asked.merge(means).groupby(QUANTITY, sort=False):
-                    # Not all models have all parameters.
-                    if of["condition"].nunique() == len(conditions):
-                        head = of.iloc[0][[*results.strata, *QUANTITY]].to_dict()
-                        yield {**head, "model_suits": suits}, models, of
-
-
-def _models(
-    results: Results, kind: str, stratum: Group, some: Group
-) -> list[tuple[Mapping[str, str], bool]]:
-    """The models in which conditions are compared, by condition, and whether they suit these."""
-    if kind == "measured":
-        return [(dict.fromkeys(some, ""), True)]
-    if not results.settings.auto:
-        return [(dict.fromkeys(some, name), True) for name in results.settings.named]
-    if kind == "loop":  # crossover and margin mean the same in any model
-        return [({c: results.choices[(*stratum, c)].model for c in some}, True)]
-    return [results.compared[stratum, some]]
-
-
-def _subjects(of: DataFrame, conditions: Sequence[str]) -> tuple[DataFrame, str]:
+def _subjects(of: DataFrame) -> tuple[DataFrame, str]:
     """Values of the subjects (rows) that count in all conditions (columns); who does not, why."""
     table = of.pivot(index="subject", columns="condition", values=["value", "left_out"])
     table, parameter = table.loc[in_order(table.index)], of["parameter"].iloc[0]
-    whole = table["value"][[*conditions]].astype(float).dropna()
-    if len(whole) == len(table):
-        return whole, ""
-    reasons = table["left_out"][[*conditions]].drop(index=whole.index).stack(future_stack=True)
+    conditions = of["condition"].unique()
+    whole = table["value"][conditions].astype(float).dropna()
+    reasons = table["left_out"][conditions].drop(index=whole.index).stack(future_stack=True)
     out = [
         f"subject {subject}, {f'{parameter} {why}' if isinstance(why, str) else 'no recording'}"
         f" in {condition}"
         for (subject, condition), why in reasons[reasons != ""].items()
     ]
-    return whole, f"n = {len(whole)} of {len(table)}: {'; '.join(out)}"
+    return whole, f"n = {len(whole)} of {len(table)}: {'; '.join(out)}" if out else ""
 
 
 # ------------------------------------------------------------------------------- contrasts
 
 
-def contrasts(results: Results) -> DataFrame:
+def contrasts(cells: DataFrame, strata: Sequence[str]) -> DataFrame:
     """The differences by quantity, with Holm's p for the pairs.
 
     A disturbance loop that is the target loop, as without motion, is left out.
+
+    Parameters
+    ----------
+    cells
+        What is compared, with ``value`` by subject and condition, see `results.Results.cells`.
+    strata
+        Columns within whose values conditions are compared.
     """
-    names, rows = results.strata, list[dict[str, Any]]()
-    for head, models, of in cells_of(results, results.settings.condition_pairs):
-        whole, notes = _subjects(of, [*models])
-        a, b = models
-        head |= {"condition_a": a, "condition_b": b, "model_a": models[a], "model_b": models[b]}
-        numbers = paired(whole[a], whole[b])
-        if "t" not in numbers:
-            none = "no test: it takes two subjects, and differences that scatter"
-            notes = " | ".join(filter(None, [notes, none]))
-        rows.append(head | numbers | {"notes": notes})
-    frame = DataFrame(rows, columns=[*names, *CONTRAST_COLUMNS])
+    rows = list[dict[str, Any]]()
+    for head, of in quantities_of(cells, CONTRAST, strata):
+        whole, notes = _subjects(of)
+        (a, first), (b, second) = of.groupby("condition", sort=False)["model"].first().items()
+        head |= {"condition_a": a, "condition_b": b, "model_a": first, "model_b": second}
+        rows.append(head | paired(whole[a], whole[b]) | {"notes": notes})
+    frame = DataFrame(rows, columns=[*strata, "family", *CONTRAST_COLUMNS])
     loops = frame["parameter"].str.replace("^(target|disturbance)_", "", regex=True)
-    same = [*names, *CONTRAST_COLUMNS[:6], "mean_a", "mean_b"]
+    same = [*strata, *CONTRAST_COLUMNS[:6], "mean_a", "mean_b"]
     frame = frame[~frame.assign(parameter=loops).round(9).duplicated(same)]
-    quantity = [*names, *QUANTITY, *([] if results.settings.auto else ["model_a"])]
+    quantity = [*strata, *QUANTITY, "family"]
     order = frame.groupby(quantity, sort=False).ngroup()
     frame = frame.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
-    return frame.assign(p_holm=frame.groupby(quantity, sort=False)["p"].transform(holm))
+    frame["p_holm"] = frame.groupby(quantity, sort=False)["p"].transform(holm)
+    return frame.drop(columns="family")
 
 
 def paired(a: Series, b: Series) -> dict[str, Any]:
@@ -183,16 +136,16 @@ def holm(p: Series) -> Series:
     return (known * np.arange(len(known), 0, -1)).cummax().clip(upper=1.0).reindex(p.index)
 
 
-def planned(results: Results) -> DataFrame:
-    """How many subjects a difference of `SHARE` takes, by the spread of differences measured here.
+def planned(contrasts: DataFrame, strata: Sequence[str]) -> DataFrame:
+    """How many subjects a difference of `SHARE` takes, by the spread of these contrasts.
 
     Columns: the stratum's fields, method, parameter, ``spread`` (standard deviation of the paired
     differences over the mean [%], root mean square over the pairs), ``subjects`` (NaN: over 1000).
     """
-    known = results.contrasts[results.contrasts["t"].notna()]
+    known = contrasts[contrasts["t"].notna()]
     size = 0.5 * (known["mean_a"] + known["mean_b"])
     known = known.assign(spread=known["subjects"] * (100.0 * known["std_error"] / size) ** 2)
-    keys = [*results.strata, *QUANTITY]
+    keys = [*strata, *QUANTITY]
     spread = known.groupby(keys, sort=False)["spread"].mean().pow(0.5).reset_index()
     return spread.assign(subjects=[subjects_needed(SHARE / s) for s in spread["spread"]])
 
@@ -217,18 +170,26 @@ def subjects_needed(effect: float) -> int | None:
 # --------------------------------------------------------------------------------- factors
 
 
-def effects(results: Results) -> DataFrame:
-    """Effects of the factors on each quantity, of parameters in models that suit all conditions."""
-    factors, rows = results.settings.factors, list[dict[str, Any]]()
-    for head, models, of in cells_of(results, results.settings.crossed):
-        whole, notes = _subjects(of, [*models])
+def effects(cells: DataFrame, strata: Sequence[str], factors: DataFrame) -> DataFrame:
+    """Effects of the factors on each quantity, of parameters in models that suit all conditions.
+
+    Parameters
+    ----------
+    cells, strata
+        See `contrasts`.
+    factors
+        Level of each factor (columns) by condition.
+    """
+    rows = list[dict[str, Any]]()
+    for head, of in quantities_of(cells, EFFECT, strata):
+        whole, notes = _subjects(of)
         values = whole.to_numpy().reshape(-1, *factors.nunique())
         tests = anova(values, [*factors]) if 2 * len(whole) > of["subject"].nunique() else {}
         if not tests:
             tests, notes = {":".join(factors): {}}, f"not tested: {notes}"
         more = {"subjects": len(whole), "notes": notes}
         rows += [{**head, "effect": effect, **more, **test} for effect, test in tests.items()]
-    return DataFrame(rows, columns=[*results.strata, *FACTOR_COLUMNS])
+    return DataFrame(rows, columns=[*strata, *FACTOR_COLUMNS])
 
 
 def anova(values: FloatArray, names: Sequence[str]) -> dict[str, dict[str, float]]:
@@ -273,30 +234,15 @@ def anova(values: FloatArray, names: Sequence[str]) -> dict[str, dict[str, float
     return tests
 
 
-def not_compared(results: Results) -> Iterator[str]:
-    """Which conditions have no model in which their parameters are compared, if there are any."""
-    without = [
-        " ".join((*stratum, ":".join(conditions)))
-        for (stratum, conditions), (models, _) in results.compared.items()
-        if not models
-    ]
-    if without:
-        yield (
-            f"{', '.join(without)}: no model is determined in all these conditions and suits them; "
-            "what means the same in every model is compared, parameters are not."
-        )
-
-
 # ------------------------------------------------------------------------------ sensitivity
 
 
-def sensitivity(results: Results) -> DataFrame:
+def sensitivity(rows: DataFrame, strata: Sequence[str]) -> DataFrame:
     """Mean shifts of parameters that count, in claimed errors, by other ways to fit."""
-    rows = results.quantities
     rows = rows[(rows["kind"] == "parameter") & (rows["left_out"] == "") & rows["run"].isna()]
     is_other = rows["otherwise"] != ""
     names = ["file", "model", *QUANTITY]
     both = rows[is_other].merge(rows.loc[~is_other, [*names, "value", "std_error"]], on=names)
     both["shift"] = (both["value_x"] - both["value_y"]) / both["std_error_y"]
-    keys = [*results.strata, "condition", "otherwise", "method"]
+    keys = [*strata, "condition", "otherwise", "method"]
     return both.pivot_table("shift", keys, "parameter", sort=False).reset_index()

@@ -9,8 +9,7 @@ from pathlib import Path
 from pandas import DataFrame
 
 from pilotid.estimate.method import Method
-from pilotid.experiment.comparisons import compared
-from pilotid.experiment.files import QUANTITY_COLUMNS, excluded_of, pairs_of, parts_of, with_factors
+from pilotid.experiment.files import QUANTITY_COLUMNS, pairs_of, parts_of, with_factors, without
 from pilotid.experiment.fits import fit_recordings
 from pilotid.experiment.report import blocks, tables_tex, write_report
 from pilotid.experiment.results import Fitting, Results, Settings
@@ -19,7 +18,6 @@ from pilotid.model.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.model.element import ControlledElement, as_element
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import Reading, read_with
-from pilotid.recording.windows import span_of
 from pilotid.support.disk import frame_bytes, require_folder, write_file
 from pilotid.support.format import as_text
 from pilotid.support.numbers import DEFAULT_SEED
@@ -27,7 +25,6 @@ from pilotid.support.remarks import codes_in
 from pilotid.support.types import InputError, several
 
 TABLES = ("estimates", "models", "loops", "contrasts", "factors", "left_out")
-TEX, PAGE = "tables.tex", "report.html"
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -42,8 +39,8 @@ class Experiment(Results):
         A row for each quantity of each fit.
     responses
         Coefficients at the forcing lines of the recordings that count.
-    settings, parts, choices, compared
-        What was asked for; the recordings; the model of each group of recordings, and those in
+    settings, looks, fitted, choices, compared
+        What was asked for; what the tasks gave; the model of each group of recordings, and those in
         which conditions are compared.
     refused
         A sentence for each file or fit that there is not.
@@ -55,13 +52,11 @@ class Experiment(Results):
 
     def to_dataframe(self, table: str = "estimates") -> DataFrame:
         """A table, such as ``contrasts``, with the columns of its CSV file."""
-        if table not in TABLES:
-            raise InputError(f"{table}: is no table of an analysis; there are {', '.join(TABLES)}")
         if table not in ("estimates", "loops"):
             return getattr(self, table)
         rows = self.quantities
         rows = rows[(rows["otherwise"] == "") & ((rows["kind"] == "loop") == (table == "loops"))]
-        columns = ["file", *self.fields, *QUANTITY_COLUMNS]
+        columns = ["file", *next(iter(self.looks)).fields, *QUANTITY_COLUMNS]
         if table == "loops":
             columns.insert(columns.index("parameter"), "element")
         renamed = {"parameter": "quantity"} if table == "loops" else {}
@@ -73,16 +68,16 @@ class Experiment(Results):
         Parameters
         ----------
         command
-            The command that makes them, which they name.
+            The command that makes them, which the page names.
         """
         for name in TABLES:
             frame = self.to_dataframe(name)
             if len(frame) or name in TABLES[:4]:
                 write_file(self.folder / f"{name}.csv", frame_bytes(frame))
-        text = tables_tex(self, command)
-        write_file(self.folder / TEX, text.encode("utf-8", "replace"))
-        write_report(self.folder / PAGE, self, command)
-        return self.folder / PAGE
+        write_file(self.folder / "tables.tex", tables_tex(self).encode("utf-8", "replace"))
+        page = self.folder / "report.html"
+        write_report(page, self, command)
+        return page
 
     def __repr__(self) -> str:
         return as_text(*blocks(self))
@@ -169,12 +164,10 @@ def analyse(
         raise InputError("--model: is auto, or models by name, not both")
     reading, folder = reading or Reading(), Path(out)
     known = [method_named(m) if isinstance(m, str) else m for m in methods]
-    if reading.span:
-        span_of(reading.span)
     parts, refused = parts_of([Path(file) for file in several(files)], pattern or None)
     if not parts:
         raise InputError("; ".join(refused))
-    parts, excluded = excluded_of(parts, several(exclude))
+    parts = without(parts, several(exclude))
     parts, levels = with_factors(parts, factors)
     settings = Settings(
         fitting=Fitting(
@@ -191,11 +184,10 @@ def analyse(
         pairs=pairs_of(several(contrasts), {part.condition for part in parts}),
         factors=levels,
         keep_all=keep_all,
-        excluded=excluded,
         ignored=codes_in(several(ignore)),
     )
     read = [file for part in parts for file in part.files]
-    names = (*(f"{name}.csv" for name in TABLES), TEX, PAGE)
+    names = (*(f"{name}.csv" for name in TABLES), "tables.tex", "report.html")
     require_folder(folder, names, read_with(read), force=force)
-    results = compared(fit_recordings(parts, settings, folder, workers, refused))
+    results = fit_recordings(parts, settings, folder, workers, refused)
     return Experiment(**vars(results), folder=folder)

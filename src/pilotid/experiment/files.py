@@ -20,8 +20,6 @@ from pilotid.recording.windows import file_of, sidecar_path, stem_of
 from pilotid.support.naming import digest_of
 from pilotid.support.types import InputError
 
-FIELD = re.compile(r"\{([^{}]*)\}")
-
 #: Columns of estimates.csv behind the file and the fields, which may not be named so.
 QUANTITY_COLUMNS = (
     *("run", "model", "method", "parameter", "unit", "value", "std_error", "lower_95", "upper_95"),
@@ -49,7 +47,7 @@ def fields_of(path: Path, pattern: str) -> dict[str, str] | None:
     InputError
         If the pattern has no field, one without a name or named as a column, or one name twice.
     """
-    words = FIELD.split(pattern)
+    words = re.split(r"\{([^{}]*)\}", pattern)
     names, between = words[1::2], "".join(words[::2])
     taken = {"file", *QUANTITY_COLUMNS} - {"run"}
     good = len({*names} - taken) == len(names) > 0 and all(map(str.isidentifier, names))
@@ -60,14 +58,12 @@ def fields_of(path: Path, pattern: str) -> dict[str, str] | None:
             "{condition}'"
         )
     expression = "".join(
-        f"(?P<{word}>[^_/]+?)" if place % 2 else re.escape(word) for place, word in enumerate(words)
+        f"(?P<{word}>[^_/]+)" if place % 2 else re.escape(word) for place, word in enumerate(words)
     )
     name = stem_of(path)
     if "/" in pattern:
         name = (file_of(path).parent / name).as_posix()
         expression = f"(?:^|/){expression}$"
-    elif not words[-1]:  # the last field takes all that it can
-        expression += "(?![^_])"
     match = re.search(expression, name, re.IGNORECASE)
     return match.groupdict() if match else None
 
@@ -145,10 +141,7 @@ def parts_of(files: Sequence[Path], pattern: str | None) -> tuple[list[Part], li
     for file in dict.fromkeys(files):
         fields = {"subject": str(file)} if pattern is None else fields_of(file, pattern)
         if fields is None:
-            refused.append(
-                f"{file}: the name does not fit the pattern '{pattern}'; change the pattern, or "
-                "leave the file out"
-            )
+            refused.append(f"{file}: does not fit the pattern '{pattern}'; change it, or the name")
             continue
         run = fields.pop("run", "")
         fields |= {name: "" for name in ("subject", "condition") if name not in fields}
@@ -165,28 +158,26 @@ def parts_of(files: Sequence[Path], pattern: str | None) -> tuple[list[Part], li
     return sorted(parts, key=lambda part: _natural(part.words)), refused
 
 
-def excluded_of(parts: Sequence[Part], texts: Sequence[str]) -> tuple[list[Part], list[Part]]:
-    """The recordings that stay, and those that texts such as ``subject=6,condition=C4`` exclude.
+def without(parts: Sequence[Part], texts: Sequence[str]) -> list[Part]:
+    """The recordings that stay where texts such as ``subject=6,condition=C4`` exclude some.
 
     Raises
     ------
     InputError
         If a text is no such thing, or excludes nothing, or all.
     """
-    left, excluded = list(parts), list[Part]()
+    left = [*parts]
     for text in texts:
         pairs = (pair.partition("=") for pair in text.split(","))
         wanted = {(name.strip(), value.strip()) for name, _, value in pairs}
-        out = [part for part in left if wanted <= part.fields.items()]
-        if not out or len(out) == len(left):
+        before, left = left, [part for part in left if not wanted <= part.fields.items()]
+        if not 0 < len(left) < len(before):
             known = in_order(f"{n}={v}" for part in parts for n, v in part.fields.items())
             raise InputError(
-                f"--exclude {text}: excludes {'all that is left' if out else 'nothing'}; name "
+                f"--exclude {text}: excludes {'nothing' if left else 'all that is left'}; name "
                 f"FIELD=VALUE of the pattern, of which there are {', '.join(known) or 'none'}"
             )
-        left = [part for part in left if part not in out]
-        excluded += out
-    return left, excluded
+    return left
 
 
 def pairs_of(texts: Sequence[str], conditions: Collection[str]) -> list[tuple[str, str]]:

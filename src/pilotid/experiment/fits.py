@@ -28,7 +28,7 @@ from pilotid.estimate.loops import Loops
 from pilotid.estimate.method import Method, fit_all, identify
 from pilotid.estimate.quantities import frame_of
 from pilotid.experiment.files import Part, in_order
-from pilotid.experiment.results import Content, Fitting, Results, Settings, choices_of, results_of
+from pilotid.experiment.results import Content, Fitting, Results, Settings, choices_of
 from pilotid.likelihood.choice import compare_models, default_candidates
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.likelihood.second_step import first_step_of
@@ -49,10 +49,6 @@ from pilotid.support.types import FloatArray, InputError, IntArray, one_line, re
 
 #: What variances are made of, by the signal that has it.
 SOURCES = {"ft": "target", "fd": "disturbance"}
-#: Runs of which each can be set against the mean of others.
-ENOUGH = 3
-#: Ratio of signals of two subjects that is one of units; degrees are 57 of radians.
-OTHER_UNIT = 20.0
 
 
 def performance(recording: Recording) -> dict[str, tuple[str, FloatArray]]:
@@ -90,12 +86,12 @@ def measured(recording: Recording) -> list[Content]:
     error = np.std(values, axis=1, ddof=1) / math.sqrt(runs) if runs > 1 else np.nan * mean
     reach = stdtrit(max(runs - 1, 1), 1.0 - 0.5 * LEVEL) * error
     rows = DataFrame({"parameter": [*known], "unit": units, "determined": True, "left_out": ""})
-    rows = rows.assign(kind="measured", model="", method="measured", otherwise="")
-    rows = rows.assign(outcome="measured", usable=True, element="", vaf=math.nan)
     whole = rows.assign(value=mean, std_error=error, lower_95=mean - reach, upper_95=mean + reach)
     single = [rows.assign(value=value) for value in zip(*values, strict=True)] if runs > 1 else []
+    facts: Content = {"kind": "measured", "model": "", "method": "measured", "outcome": "measured"}
+    facts |= {"usable": True, "vaf": math.nan, "element": "", "of_fit": (), "of_loops": ()}
     return [
-        {"run": run or None, "of_fit": (), "of_loops": (), **row}
+        {"otherwise": "", "run": run or None, **facts, **row}
         for run, quantities in enumerate([whole, *single])
         for row in quantities.to_dict("records")
     ]
@@ -106,11 +102,7 @@ def lines_shared(recording: Recording) -> Remark | None:
     lines = known_lines(recording)
     if len(lines) < 2 or not np.intersect1d(lines["ft"], lines["fd"]).size:
         return None
-    return Remark(
-        "inseparable",
-        "ft and fd have lines in common, so that variances of e, u and x are not split into the "
-        "answers to each and remnant",
-    )
+    return Remark("inseparable", "ft and fd have lines in common: variances are not split by them")
 
 
 def _answer(
@@ -119,7 +111,7 @@ def _answer(
     """Variance of the answer to a forcing function at its lines in each run, shape (runs,)."""
     spectrum = np.fft.rfft(recording.window(signal)) / recording.samples
     values, runs = spectrum[:, lines], recording.runs
-    if runs < ENOUGH:
+    if runs < 3:  # too few to set each against the mean of the others
         free = np.setdiff1d(np.arange(1, spectrum.shape[1]), every)
         after = np.clip(np.searchsorted(free, lines), 1, free.size - 1)
         beside = np.mean(np.abs(spectrum[:, [free[after - 1], free[after]]]) ** 2, axis=1)
@@ -133,8 +125,12 @@ def _answer(
     return np.asarray(2.0 * common - common.mean())
 
 
-def other_units(looks: Mapping[Part, Content]) -> Iterator[tuple[Part, Remark]]:
-    """Recordings of which a signal is far from as large as in most others of their condition."""
+def beside_others(looks: Mapping[Part, Content]) -> Iterator[tuple[Part, Remark]]:
+    """Recordings that copy another one, or are far from as large as most of their condition."""
+    prints = [content["fingerprints"] for content in looks.values()]
+    copies = copies_among([part.name for part in looks], prints)
+    for place, part in enumerate(looks):
+        yield from ((part, remark) for remark in copies.get(place, ()))
     frame = DataFrame(
         {"part": part, "group": part.group, **row}
         for part, content in looks.items()
@@ -143,18 +139,15 @@ def other_units(looks: Mapping[Part, Content]) -> Iterator[tuple[Part, Remark]]:
     )
     alike = frame.groupby(["group", "parameter"])["value"]
     frame["factor"] = frame["value"] / alike.transform("median")
-    far = np.abs(np.log(frame["factor"])) > math.log(OTHER_UNIT)
+    # A ratio of signals of two subjects that is one of units; degrees are 57 of radians.
+    far = np.abs(np.log(frame["factor"])) > math.log(20.0)
     for row in frame[far & (alike.transform("size") > 2)].itertuples():
         words = (
             f"{row.parameter.removeprefix('rms_')} is {row.factor:.3g} times as large as in the "
-            f"other recordings of {row.part.condition or 'the experiment'}: it is in another unit; "
-            "convert it in the file, or leave the file out"
+            "other recordings of its condition: it is in another unit; convert it in the file, or "
+            "leave the file out"
         )
         yield row.part, Remark("wrong-unit", words)
-
-
-#: Seconds that all fits of a model to a recording may take.
-TIME_LIMIT = 3600.0
 
 
 # ----------------------------------------------------------------------------------- tasks
@@ -236,8 +229,8 @@ def fit(part: Part, model: PilotModel, how: Fitting) -> Content:
         fitted = fit_all(some, model, able, how.seed, how.element)
         for estimate, loops in zip_longest(fitted.estimates, fitted.loops):
             rows += [{"otherwise": name, "run": run, **row} for row in _rows(estimate, loops)]
-    predicted = predict_left_out(recording, model, methods, how.seed) if how.left_out else []
-    return {"rows": rows, "left_out": predicted, "responses": _responses(recording, model)}
+    predicted = predict_left_out(recording, model, methods, how.seed) if how.left_out else ()
+    return {"rows": rows, "left_out": [*predicted], "responses": [*_responses(recording, model)]}
 
 
 def variants(how: Fitting, seconds: float) -> Iterator[tuple[str, Reading, dict[str, Method]]]:
@@ -281,7 +274,7 @@ def _rows(estimate: Estimate, loops: Loops | None) -> list[Content]:
 
 def predict_left_out(
     recording: Recording, model: PilotModel, methods: Mapping[str, Method], seed: int
-) -> list[Content]:
+) -> Iterator[Content]:
     """How well fits of all other runs predict each, by each method: rows of left_out.csv.
 
     No truth is known of people; what can be held against an estimate is a run that it has not
@@ -295,10 +288,10 @@ def predict_left_out(
     model, methods, seed
         What is fitted, methods by their labels.
     """
-    rows, every = list[Content](), range(1, recording.runs + 1) if recording.runs > 1 else ()
-    for run in every:
+    for run in range(1, recording.runs + 1) if recording.runs > 1 else ():
         # What is known of a recording is remembered with it: one for all methods.
-        others = of_runs(recording, [own for own in every if own != run], f"without run {run}")
+        rest = [other for other in range(1, recording.runs + 1) if other != run]
+        others = of_runs(recording, rest, f"without run {run}")
         left = of_runs(recording, [run], f"run {run}")
         for label, method in methods.items():
             estimate = identify(method, others, model, fit_rng(seed, label))
@@ -307,20 +300,17 @@ def predict_left_out(
             vaf, likelihood = (score.vaf, score.log_score) if score else (math.nan, math.nan)
             row = {"run": run, "model": model.name, "method": label, "outcome": outcome.slug}
             row |= {"vaf": vaf, "log_likelihood": likelihood, "seconds": estimate.seconds}
-            rows.append(row)
-    return rows
+            yield row
 
 
-def _responses(recording: Recording, model: PilotModel) -> list[Content]:
+def _responses(recording: Recording, model: PilotModel) -> Iterator[Content]:
     """Coefficients at the forcing lines, with their errors."""
     step = None if model.changes else first_step_of(recording, model)
-    if step is None:
-        return []
-    return [
-        {"channel": channel.name, "omega": omega, "real": own.real, "imag": own.imag, "std": error}
-        for channel, values, errors in zip(model.channels, step.value, step.std, strict=True)
-        for omega, own, error in zip(step.omega, values, errors, strict=True)
-    ]
+    if step is not None:
+        for channel, values, errors in zip(model.channels, step.value, step.std, strict=True):
+            for omega, own, std in zip(step.omega, values, errors, strict=True):
+                place = {"channel": channel.name, "omega": omega}
+                yield {**place, "real": own.real, "imag": own.imag, "std": std}
 
 
 def _graded(sentences: Iterable[str]) -> list[tuple[str, str, str]]:
@@ -365,24 +355,19 @@ def fit_recordings(
         tasks = [_task(look, part, *asked) for part in parts]
         looks = dict(_contents(store, tasks, "looking at recordings", workers, refused))
         if not looks:
-            raise InputError("; ".join(refused))
-        prints = [content["fingerprints"] for content in looks.values()]
-        copies = copies_among([part.name for part in looks], prints)
-        for place, content in enumerate(looks.values()):
-            content["remarks"] = [*_graded(copies.get(place, ())), *content["remarks"]]
-        for part, remark in other_units(looks):
+            raise InputError("; ".join(dict.fromkeys(refused)))
+        for part, remark in beside_others(looks):
             looks[part]["remarks"].insert(0, *_graded([remark]))
         choices, compared = choices_of(looks, settings)
         tasks = []
         for part in looks:
-            chosen = [choices[part.group].model] if settings.auto else settings.named
-            sets = [of for (stratum, _), (of, _) in compared.items() if stratum == part.stratum]
-            pairs = [of[part.condition] for of in sets if part.condition in of]
-            for name in dict.fromkeys([*chosen, *pairs]):
+            chosen = settings.named or [choices[part.group].model]
+            asked = compared[(compared["kind"] == "parameter") & (compared["model"] != "")]
+            for name in dict.fromkeys([*chosen, *asked.loc[asked["group"] == part.group, "model"]]):
                 how = whole if name in chosen else pooled
                 tasks.append(_task(fit, part, settings.models[name], how))
-        fits = [*_contents(store, tasks, "fitting", workers, refused)]
-    return results_of(settings, looks, choices, compared, fits, refused)
+        fitted = [*_contents(store, tasks, "fitting", workers, refused)]
+    return Results(settings, looks, choices, compared, fitted, refused)
 
 
 def _task(function: Callable[..., Content], part: Part, *code: object) -> Task:
@@ -399,7 +384,7 @@ def _contents(
     """The recording and content of each task, in their order; `refused` gets why there is none."""
     todo = [task for task in tasks if store.get(dict, (task.key, "", 0)) is None]
     lost = list[str]()
-    answers = run_tasks(perform, todo, given_up, workers, seconds=TIME_LIMIT)
+    answers = run_tasks(perform, todo, given_up, workers, seconds=3600.0)
     for task, content, why in with_bar(answers, what, len(todo)):
         if content is None:
             lost.append(why)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from pandas import DataFrame
 
-from pilotid.estimate.quantities import UNDETERMINED, symbol
-from pilotid.experiment.comparisons import POWER, SHARE, not_compared, planned, sensitivity
+from pilotid.estimate.quantities import symbol
+from pilotid.experiment.comparisons import FACTOR_COLUMNS, POWER, SHARE, planned, sensitivity
 from pilotid.experiment.figures import figures
 from pilotid.experiment.files import in_order
 from pilotid.experiment.results import Results
@@ -22,9 +21,12 @@ from pilotid.support.numbers import LEVEL
 from pilotid.support.remarks import counted_grades, gravest_first
 from pilotid.support.types import printable
 
-FEW = 3  # pairs of which all differences are shown first
 #: Quantities of signals that are shown first; all others are parts of them.
 HEADLINES = ("var_e", "var_u", "remnant_share_u")
+NEEDED = (
+    f"Subjects with whom {100 * POWER:.0f} % of paired tests at 5 % find a difference of "
+    f"{SHARE:.0f} %, by the spread of the differences measured here [%]"
+)
 SHIFTS = "Shifts of estimates in claimed errors, means over subjects, by other ways to fit"
 
 
@@ -34,14 +36,17 @@ def _interval(low: float, high: float, error: float) -> str:
 
 #: What writes numbers, by column; other columns hold words.
 FORMS: Mapping[str, Callable[..., str]] = {
-    **dict.fromkeys(("subjects", "freedom", "df1", "df2", "runs", "failed"), "{:.0f}".format),
+    **dict.fromkeys(("subjects", "freedom", "df1", "df2", "runs"), "{:.0f}".format),
+    **dict.fromkeys(("vaf_size", "vaf_count"), "{:.0f}".format),
     **dict.fromkeys(("p", "p_holm", "wilcoxon_p", "p_corrected"), p_value),
     **dict.fromkeys(("t", "F", "effect_size", "vaf", "epsilon", "eta_squared", "spread"), number),
-    **dict.fromkeys(("difference", "interval_95", "robust_difference", "vaf_mean", "behind"), str),
+    **dict.fromkeys(("vaf_mean", "vaf_sem", "behind_mean", "behind_sem"), number),
+    **dict.fromkeys(("difference", "interval_95", "robust_difference"), str),
 }
 TITLES = {
     "subjects": "n", "freedom": "df", "p_holm": "p Holm", "effect_size": "d_z",
-    "interval_95": "95 % interval", "eta_squared": "partial eta²", "vaf_mean": "vaf",
+    "interval_95": "95 % interval", "eta_squared": "partial eta²", "vaf_size": "runs",
+    "vaf_count": "predicted",
 }  # fmt: skip
 #: Columns for the page, and for papers and the terminal.
 TESTED = (
@@ -50,11 +55,7 @@ TESTED = (
     *("wilcoxon_p", "notes"),
 )
 PAPER = TESTED[:-3]
-EFFECTS = (
-    *("method", "parameter", "effect", "subjects", "F", "df1", "df2", "epsilon", "p_corrected"),
-    "eta_squared",
-)
-PREDICTED = ("model", "method", "runs", "failed", "vaf_mean", "behind")
+PREDICTED = ("vaf_size", "vaf_count", "vaf_mean", "vaf_sem", "behind_mean", "behind_sem")
 
 
 # ---------------------------------------------------------------------------------- tables
@@ -102,20 +103,20 @@ def notable(frame: DataFrame) -> DataFrame:
     return frame[(frame["method"] != "measured") | frame["parameter"].isin(HEADLINES)]
 
 
-def notable_contrasts(results: Results) -> tuple[DataFrame, str]:
-    """The contrasts that are shown first, all of few pairs or the significant, and a caption."""
+def first_contrasts(results: Results, columns: Sequence[str]) -> Table:
+    """The contrasts that are shown first: all of few pairs, or the significant."""
     shown, caption = notable(results.contrasts), "Differences b less a between conditions a:b"
-    if shown.groupby(["condition_a", "condition_b"]).ngroups > FEW:
+    if shown.groupby(["condition_a", "condition_b"]).ngroups > 3:
         shown = shown[shown["p_holm"] < LEVEL]
         caption += f", with p < {LEVEL:g} after Holm's correction for the pairs"
-    return shown, caption
+    return contrast_table(results, shown, caption, columns)
 
 
 def effect_table(results: Results) -> Table:
     """The effects of factors on quantities that are shown first."""
     caption = "Effects of the factors: repeated-measures analysis of variance"
-    strata = results.strata
-    return frame_table(notable(results.factors), caption, [*strata, *EFFECTS], len(strata) + 3)
+    columns = [*results.strata, *FACTOR_COLUMNS[:-1]]  # notes are long, and in factors.csv
+    return frame_table(notable(results.factors), caption, columns, len(results.strata) + 4)
 
 
 def means_tables(results: Results) -> Iterator[Table]:
@@ -133,9 +134,9 @@ def means_tables(results: Results) -> Iterator[Table]:
             means = (_cell(of_quantity[of_quantity["condition"] == c], who[c]) for c in conditions)
             cells.append((parameter, unit, *means, missing))
         models = rows.groupby("condition")["model"].first()
-        if models.nunique() > 1:
-            title += "; models: " + ", ".join(f"{c} `{models[c]}`" for c in conditions)
-        heads = [f"{c or 'all'} (n = {who[c]})" for c in conditions]
+        heads = [
+            f"{' '.join(filter(None, (c or 'all', models[c])))} (n = {who[c]})" for c in conditions
+        ]
         titles = ("parameter", "unit", *heads, "not counted")
         yield table(cells, f"Estimates: {title}", titles, dict.fromkeys(heads, str))
 
@@ -144,7 +145,7 @@ def _cell(rows: DataFrame, subjects: int) -> str:
     """A mean with the standard deviation between subjects, or one value with its error."""
     known = rows[rows["left_out"] == ""]
     if not len(known):
-        return UNDETERMINED if len(rows) else NONE
+        return NONE
     if subjects == 1:
         return unsigned(*map(float, known[["value", "std_error"]].iloc[0]))
     deviation = float(known["value"].std(ddof=1))
@@ -153,74 +154,38 @@ def _cell(rows: DataFrame, subjects: int) -> str:
     return f"{mean} ({to_error(deviation, deviation)}{fewer})"
 
 
-def ranked(left: DataFrame) -> DataFrame:
-    """Models and methods by the likelihood of runs left out, the best first.
-
-    Methods whose fits fail in more than half of the runs come last and are not compared run by
-    run, so that they do not cost the others theirs.
-
-    Parameters
-    ----------
-    left
-        Rows of left_out.csv of recordings of one kind.
-
-    Returns
-    -------
-    DataFrame
-        By model and method ``runs`` and ``failed`` fits; ``vaf_mean`` and ``behind``, the mean
-        log-likelihood of a run less that of the best, over the runs that all predict, each with its
-        standard error.
-    """
-    ways = ["model", "method"]
-    table = left.pivot(index=["file", "run"], columns=ways, values="log_likelihood").astype(float)
-    able = table[table.columns[2 * table.count() >= len(table)]].dropna()
-    apart = able.sub(able[able.sum().idxmax()], axis=0) if able.size else able
-    vaf = left.groupby(ways, sort=False)["vaf"]
-    return (
-        vaf.agg(runs="size", vaf_mean="mean", vaf_error="sem")
-        .assign(failed=vaf.size() - vaf.count())
-        .assign(behind=apart.mean(), behind_error=apart.sem().where(apart.mean() < 0.0))
-        .sort_values("behind", ascending=False, na_position="last")
-        .reset_index()
-    )
-
-
 def left_out_table(results: Results) -> Table:
-    """Models and methods by the runs that they predict, within each kind of recording."""
-    kinds = [*results.strata, "condition"]
-    left = results.left_out.groupby(kinds, sort=False)
-    frame = left.apply(ranked, include_groups=False).reset_index(kinds)
-    frame = frame.assign(vaf_mean=[*map(unsigned, frame["vaf_mean"], frame["vaf_error"])])
-    frame = frame.assign(behind=[*map(unsigned, frame["behind"], frame["behind_error"])])
-    caption = "Runs predicted by the fit of the others, the likeliest first"
-    return frame_table(frame, caption, [*kinds, *PREDICTED], len(kinds) + 2)
+    """Models and methods by the runs that they predict, within each kind of recording.
+
+    ``behind`` is the log-likelihood of a run less that of the best that predicts it.
+    """
+    left, ways = results.left_out, [*results.strata, "condition", "model", "method"]
+    best = left.groupby(["file", "run"])["log_likelihood"].transform("max")
+    known = left.assign(behind=left["log_likelihood"] - best)
+    frame = known.groupby(ways, sort=False)[["vaf", "behind"]].agg(["size", "count", "mean", "sem"])
+    frame.columns = ["_".join(name) for name in frame.columns]
+    caption = "Runs predicted by the fit of the others"
+    return frame_table(frame.reset_index(), caption, [*ways, *PREDICTED], len(ways))
 
 
 def fit_table(results: Results) -> Table:
     """Every recording, all runs together, with what is said of it and of its fits."""
-    fits = results.fits
+    fits = results.usual[results.usual["method"] != "measured"]
+    fits = fits.drop_duplicates(["file", "model", "method"])
     said = ["; ".join(f"[{r.code}] {r}" for r in gravest_first(of)) for of in fits["said"]]
     columns = ("recording", "model", "method", "runs", "vaf", "outcome", "remarks")
     caption = "Every recording, all runs together"
     return frame_table(fits.assign(remarks=said), caption, columns, 1)
 
 
-def tables_tex(results: Results, made_by: str = "") -> str:
-    r"""Estimates, contrasts and effects as booktabs longtables without captions, for ``\input``.
-
-    Parameters
-    ----------
-    results
-        What was found.
-    made_by
-        The command that made them, for the comment at the head.
-    """
+def tables_tex(results: Results) -> str:
+    r"""Estimates, contrasts and effects as booktabs longtables without captions, for ``\input``."""
     caption = "Paired differences b less a over subjects; p Holm for the pairs of conditions"
     differences = contrast_table(results, results.contrasts, caption, PAPER)
     tables = filled(*means_tables(results), differences, effect_table(results))
-    head = f"% Made by: {printable(made_by or 'pilotid.analyse')}\n"
-    head += "% Needs \\usepackage{booktabs,longtable}.\n"
-    return head + "".join(f"% {printable(t.caption)}\n{latex(t, symbol)}\n" for t in tables)
+    return "% Needs \\usepackage{booktabs,longtable}.\n" + "".join(
+        f"% {printable(t.caption)}\n{latex(t, symbol)}\n" for t in tables
+    )
 
 
 def filled(*tables: Table) -> list[Table]:
@@ -233,9 +198,8 @@ def filled(*tables: Table) -> list[Table]:
 
 def alarms(results: Results) -> Iterator[str]:
     """How many remarks there are, each once a recording, and the first of each code not a note."""
-    rows = results.quantities
-    said = rows.loc[rows["method"] != "measured", ["recording", "said"]].explode("said").dropna()
-    said = said.drop_duplicates()
+    fits = results.quantities[results.quantities["method"] != "measured"]
+    said = fits[["recording", "said"]].explode("said").dropna().drop_duplicates()
     if len(said):
         yield f"Warnings: {counted_grades(said['said'])}."
     grave = said[said["said"].map(lambda remark: remark.grade) != "note"]
@@ -244,31 +208,28 @@ def alarms(results: Results) -> Iterator[str]:
     for first in gravest_first(firsts):
         place, *others = firsts[first]
         yield f"{first.line(place + (f', and {len(others)} more' if others else ''))}."
-    if ignored := results.settings.ignored:
-        yield f"Left out by --ignore: {', '.join(sorted(ignored))}."
+
+
+def not_compared(results: Results) -> Iterator[str]:
+    """Which conditions have no model in which their parameters are compared, if there are any."""
+    compared = results.compared
+    lacking = compared[(compared["kind"] == "parameter") & (compared["model"] == "")]
+    names = {
+        " ".join((*of.iloc[0][:-1], ":".join(group[-1] for group in of))): None
+        for _, of in lacking.groupby("comparison", sort=False)["group"]
+    }
+    if names:
+        yield (
+            f"{', '.join(names)}: no model is determined in all these conditions and suits them; "
+            "what means the same in every model is compared, parameters are not."
+        )
 
 
 def summary(results: Results) -> Iterator[str]:
     """What a reader must know first, a sentence each."""
-    contrasts = results.contrasts
-    if len(contrasts):
-        quantities = contrasts.groupby([*results.strata, "method", "parameter"]).ngroups
-        first, _ = notable_contrasts(results)
-        yield (
-            f"{(contrasts['p_holm'] < LEVEL).sum()} of {len(contrasts)} differences have "
-            f"p < {LEVEL:g} (Holm's correction is for the pairs, not for the number of "
-            f"quantities: by chance about {LEVEL * quantities:.2g} of {quantities} would). The "
-            f"table has {len(first)} of parameters, loops, {', '.join(HEADLINES)}; `contrasts.csv` "
-            "has all."
-        )
-    shown = [rows["left_out"] != "" for _, rows in results.groups()]
-    if out := sum(int(missing.sum()) for missing in shown):
-        yield (
-            f"{out} of {sum(map(len, shown))} estimates count in no mean, test or figure "
-            "(`--keep-all` counts them); the last column of their table says which and why."
-        )
-    ends = [f"{count} {outcome}" for outcome, count in Counter(results.fits["outcome"]).items()]
-    yield f"Fits: {', '.join(ends) or 'none'}."
+    p = results.contrasts["p_holm"]
+    if len(p):
+        yield f"{(p < LEVEL).sum()} of {len(p)} differences have p < {LEVEL:g} after Holm."
     yield from (*alarms(results), *not_compared(results))
 
 
@@ -282,8 +243,7 @@ def choices(results: Results) -> Iterator[str]:
 def blocks(results: Results) -> Iterator[str | Table]:
     """What the terminal shows."""
     yield from choices(results)
-    yield from filled(contrast_table(results, *notable_contrasts(results), PAPER))
-    yield from filled(effect_table(results))
+    yield from filled(first_contrasts(results, PAPER), effect_table(results))
     yield from (*alarms(results), *not_compared(results))
 
 
@@ -304,18 +264,14 @@ def write_report(path: Path, results: Results, command: str) -> None:
     """
     drawings = [*figures(results)]
     save_figures(path.parent / FIGURES, drawings)
-    caption = (
-        f"Subjects with whom {100 * POWER:.0f} % of paired tests at 5 % find a difference of "
-        f"{SHARE:.0f} %, by the spread of the differences measured here [%]"
-    )
-    columns = [*results.strata, "method", "parameter", "spread", "subjects"]
-    needed = frame_table(planned(results), caption, columns, len(columns) - 2)
-    main = [contrast_table(results, *notable_contrasts(results), TESTED), effect_table(results)]
+    strata, contrasts = results.strata, results.contrasts
+    columns = [*strata, "method", "parameter", "spread", "subjects"]
+    needed = frame_table(planned(contrasts, strata), NEEDED, columns, len(columns) - 2)
+    main = [first_contrasts(results, TESTED), effect_table(results)]
     main += [left_out_table(results)] if len(results.left_out) else []
-    shifts = sensitivity(results)
+    shifts = sensitivity(results.quantities, strata)
     forms = dict.fromkeys(shifts.select_dtypes(float), "{:.1f}".format)
     otherwise = table(shifts.to_numpy(), SHIFTS, [*shifts], forms)
-    about = about_this(results.settings.fitting.seed)
     write_page(
         path,
         "experiment.html",
@@ -327,5 +283,5 @@ def write_report(path: Path, results: Results, command: str) -> None:
         choices=[*choices(results)],
         supplement=filled(needed, otherwise, *means_tables(results), fit_table(results)),
         command=command,
-        versions=[f"{k} {v}" for k, v in about.items() if k not in ("seed", "code")],
+        about=about_this(results.settings.fitting.seed),
     )

@@ -9,14 +9,16 @@ functions contradict it, and all of a recording that is graded wrong.  The colum
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from functools import cached_property
+from itertools import combinations, product
 from typing import Any
 
 from pandas import DataFrame
 
 from pilotid.estimate.method import Method
+from pilotid.experiment.comparisons import CONTRAST, EFFECT, contrasts, effects
 from pilotid.experiment.files import Part, in_order
 from pilotid.likelihood.choice import Candidate, Choice, choose_jointly, choose_model
 from pilotid.model.element import ControlledElement
@@ -24,13 +26,15 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.files import Reading
 from pilotid.support.remarks import Remark
 
-#: Recordings for which one model is chosen, or conditions that are compared.
+#: Recordings for which one model is chosen.
 Group = tuple[str, ...]
-#: By stratum and conditions, the models in which these are compared, by condition, and whether
-#: they suit all; empty where all models were named.
-Compared = Mapping[tuple[Group, Group], tuple[Mapping[str, str], bool]]
 #: What a task gives back: plain objects, as JSON has them.
 Content = dict[str, Any]
+#: Kinds of quantities: of signals, which need no model; of loops, which mean the same in every
+#: model; and a model's parameters.
+KINDS = ("measured", "loop", "parameter")
+RESPONSES = ("stratum", "condition", "channel", "omega", "real", "imag", "std")
+COMPARED = ("test", "kind", "comparison", "family", "model_suits", "group", "model")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +85,6 @@ class Settings:
         Level of each factor (columns) by condition; empty for no factors.
     keep_all
         Whether estimates that are not determined, or wrong, count as well.
-    excluded
-        Recordings that the user leaves out.
     ignored
         Codes of remarks that the user does not want to see.
     """
@@ -93,167 +95,178 @@ class Settings:
     pairs: Sequence[tuple[str, str]] = ()
     factors: DataFrame = field(default_factory=DataFrame)
     keep_all: bool = False
-    excluded: Sequence[Part] = ()
     ignored: frozenset[str] = frozenset()
 
-    @property
-    def auto(self) -> bool:
-        """Whether models are chosen."""
-        return not self.named
-
-    def condition_pairs(self, conditions: Sequence[str]) -> list[tuple[str, str]]:
-        """The pairs of conditions that are contrasted."""
-        if self.pairs:
-            return [pair for pair in self.pairs if set(pair) <= set(conditions)]
-        if self.factors.empty:
-            return [*combinations(in_order(conditions), 2)]
-        known, levels = in_order({*conditions} & {*self.factors.index}), self.factors.T
-        return [(a, b) for a, b in combinations(known, 2) if (levels[a] != levels[b]).sum() == 1]
-
-    def crossed(self, conditions: Sequence[str]) -> list[Group]:
-        """All conditions that the factors cross, if they are among these."""
-        every = tuple(self.factors.index)
-        return [every] if every and {*every} <= {*conditions} else []
+    def tests(self, conditions: Collection[str]) -> list[tuple[str, Group]]:
+        """The tests of some conditions, and which conditions each compares."""
+        levels, every = self.factors.T, tuple(self.factors.index)
+        pairs = self.pairs or [
+            (a, b)
+            for a, b in combinations(in_order(conditions), 2)
+            if not every or (a in every and b in every and (levels[a] != levels[b]).sum() == 1)
+        ]
+        tests = [(CONTRAST, pair) for pair in pairs] + ([(EFFECT, every)] if every else [])
+        return [(test, some) for test, some in tests if {*some} <= {*conditions}]
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """All that tables, figures and report show.
+    """What came out of an experiment, and the frames that tables, figures and report show.
 
     Attributes
     ----------
     settings
         What was asked for.
-    parts
-        The recordings that could be read.
+    looks, fitted
+        What the tasks gave: of each recording that could be read, and of each fit.
     choices
         The model chosen for each group of recordings, see `Part.group`.
     compared
-        The models in which conditions are compared, see `Compared`.
-    quantities
-        A row for each quantity of each fit: file, the pattern's fields, `QUANTITY_COLUMNS`, the
-        controlled element, kind (see `pilotid.experiment.comparisons.KINDS`), ``left_out``,
-        ``otherwise`` (the other way in which it was fitted), ``chosen`` (whether the model is that
-        of the recording's own table), the recording in words,
-        its number of runs, the fit's VAF and all `Remark`s on recording and fit (``said``).
-    models, left_out
-        Rows of models.csv and of left_out.csv.
-    responses
-        Coefficients at the forcing lines of the recordings that count.
+        In which models conditions are compared, see `choices_of`.
     refused
         A sentence for each file or fit that there is not.
-    contrasts, factors
-        Differences between conditions and effects of factors, see `comparisons`; empty at first.
     """
 
     settings: Settings
-    parts: Sequence[Part]
+    looks: Mapping[Part, Content]
     choices: Mapping[Group, Choice]
-    compared: Compared
-    quantities: DataFrame
-    models: DataFrame
-    left_out: DataFrame
-    responses: DataFrame
+    compared: DataFrame
+    fitted: Sequence[tuple[Part, Content]]
     refused: Sequence[str]
-    contrasts: DataFrame = field(default_factory=DataFrame)
-    factors: DataFrame = field(default_factory=DataFrame)
-
-    @property
-    def fields(self) -> list[str]:
-        """The fields of the pattern."""
-        return [*self.parts[0].fields]
 
     @property
     def strata(self) -> list[str]:
-        """Those within whose values conditions are compared."""
-        return [name for name in self.fields if name not in ("subject", "condition")]
+        """Fields of the pattern within whose values conditions are compared."""
+        fields = next(iter(self.looks)).fields
+        return [name for name in fields if name not in ("subject", "condition")]
+
+    @cached_property
+    def quantities(self) -> DataFrame:
+        """A row for each quantity of each fit.
+
+        Columns: file, the pattern's fields, `QUANTITY_COLUMNS`, the controlled element, kind (see
+        `KINDS`), ``left_out``, ``otherwise`` (the other way in which it was fitted), ``chosen``
+        (whether the model is that of the recording's own table), the recording in words and its
+        group, its number of runs, the fit's VAF and all `Remark`s on recording and fit (``said``).
+        """
+        rows, settings = list[Content](), self.settings
+        for part, content in (*self.looks.items(), *self.fitted):
+            seen, choice = self.looks[part], self.choices[part.group].model
+            head = {"file": part.name, **part.fields, "group": part.group}
+            head |= {"recording": part.words, "runs": seen["runs"]}
+            for row in content["rows"]:
+                if row["run"] is None or settings.fitting.per_run:
+                    chosen = bool(settings.named) or row["model"] in ("", choice)
+                    judged = _judged(settings, seen["remarks"], row)
+                    rows.append({**head, **row, **judged, "chosen": chosen})
+        return DataFrame(rows).astype({"run": "Int64"})
 
     @property
-    def fits(self) -> DataFrame:
-        """A row for each fit of all runs together."""
-        fits = self.quantities
-        fits = fits[(fits["method"] != "measured") & (fits["otherwise"] == "") & fits["run"].isna()]
-        return fits.drop_duplicates(["file", "model", "method"])
+    def usual(self) -> DataFrame:
+        """Quantities of all runs together, fitted as was asked for and in no other way."""
+        rows = self.quantities
+        return rows[rows["run"].isna() & (rows["otherwise"] == "")]
+
+    @cached_property
+    def models(self) -> DataFrame:
+        """Rows of models.csv."""
+        frame = DataFrame(
+            {"file": part.name, **part.fields, "model": "", "chosen": "no", **candidate}
+            | ({"chosen": "yes"} if candidate["model"] == self.choices[part.group].model else {})
+            for part, content in self.looks.items()
+            for candidate in content["candidates"]
+        ).drop(columns=["no_delay", "determined", "varies"])
+        frame["freedom"] = frame["freedom"].where(frame["freedom"] > 0).astype("Int64")
+        of_runs = ["left_out_log_likelihood", "left_out_chi_squared"]
+        frame[of_runs] = frame[of_runs].map(lambda runs: sum(runs) or math.nan)
+        return frame.rename(columns={"bounds": "remarks"})
+
+    @cached_property
+    def left_out(self) -> DataFrame:
+        """Rows of left_out.csv."""
+        return DataFrame(
+            {"file": part.name, **part.fields, **row}
+            for part, content in self.fitted
+            for row in content.get("left_out", ())
+        )
+
+    @property
+    def responses(self) -> DataFrame:
+        """Coefficients at the forcing lines of the recordings that count."""
+        settings, first = self.settings, dict(reversed(self.fitted))
+        rows = [
+            {"stratum": " ".join(part.stratum), "condition": part.condition, **row}
+            for part, seen in self.looks.items()
+            if settings.keep_all
+            or "wrong" not in {remark.grade for remark in _kept(settings, seen["remarks"])}
+            for row in first.get(part, {}).get("responses", ())
+        ]
+        return DataFrame(rows, columns=RESPONSES)
 
     def groups(self) -> Iterator[tuple[str, DataFrame]]:
         """Quantities of all runs together by the model of each recording, a table each.
 
         A table is of one stratum and method, and of one model if models were named.
         """
-        shown, auto = self.quantities, self.settings.auto
-        shown = shown[shown["chosen"] & shown["run"].isna() & (shown["otherwise"] == "")]
-        keys = [*self.strata, "method", *([] if auto else ["model"])]
-        for key, rows in shown.groupby(keys, sort=False):
+        keys = [*self.strata, "method", *(["model"] if self.settings.named else [])]
+        for key, rows in self.usual[self.usual["chosen"]].groupby(keys, sort=False):
             yield ", ".join(filter(None, key)), rows
 
+    @cached_property
+    def cells(self) -> DataFrame:
+        """What `compared` asks for, with the value of each subject; NaN where it does not count."""
+        rows = self.usual[~self.usual["parameter"].str.startswith("rms_")]
+        rows = rows.assign(value=rows["value"].where(rows["left_out"] == ""))
+        return self.compared.merge(rows, on=["kind", "group", "model"])
 
-def conditions_of(parts: Iterable[Part]) -> dict[Group, list[str]]:
-    """The conditions of each stratum."""
-    strata = dict[Group, dict[str, None]]()
-    for part in parts:
-        strata.setdefault(part.stratum, {})[part.condition] = None
-    return {stratum: [*conditions] for stratum, conditions in strata.items()}
+    @cached_property
+    def contrasts(self) -> DataFrame:
+        """Differences between conditions, rows of contrasts.csv."""
+        return contrasts(self.cells, self.strata)
+
+    @cached_property
+    def factors(self) -> DataFrame:
+        """Effects of the factors, rows of factors.csv."""
+        return effects(self.cells, self.strata, self.settings.factors)
 
 
 def choices_of(
     looks: Mapping[Part, Content], settings: Settings
-) -> tuple[dict[Group, Choice], Compared]:
-    """The model of each group of recordings, and those in which conditions are compared."""
+) -> tuple[dict[Group, Choice], DataFrame]:
+    """The model of each group of recordings, and in which models conditions are compared.
+
+    Of the second there is a row for each condition of each comparison: its ``test``, the ``kind``
+    of quantities, what tells it from others; the ``family`` of comparisons that Holm's correction
+    is for; whether the models suit all its conditions (``model_suits``); and ``group`` and
+    ``model``, which is empty if there is none to compare in.
+    """
     groups: dict[Group, list[list[Candidate]]] = {}
+    strata: dict[Group, dict[str, Group]] = {}
     for part, content in looks.items():
         candidates = [Candidate(**candidate) for candidate in content["candidates"]]
         groups.setdefault(part.group, []).append(candidates)
+        strata.setdefault(part.stratum, {})[part.condition] = part.group
     choices = {group: choose_model(candidates) for group, candidates in groups.items()}
-    compared = dict[tuple[Group, Group], tuple[Mapping[str, str], bool]]()
-    for stratum, there in conditions_of(looks).items() if settings.auto else ():
-        for some in (*settings.condition_pairs(there), *settings.crossed(there)):
-            those = {condition: groups[*stratum, condition] for condition in some}
-            models, suits = choose_jointly(those, settings.models)
-            # Of many conditions a model that does not suit them all serves no test.
-            compared[stratum, some] = (models if suits or len(some) == 2 else {}, suits)
-    return choices, compared
-
-
-def results_of(
-    settings: Settings,
-    looks: Mapping[Part, Content],
-    choices: Mapping[Group, Choice],
-    compared: Compared,
-    fits: Iterable[tuple[Part, Content]],
-    refused: Sequence[str],
-) -> Results:
-    """All frames: of looks at recordings, of fits, and of runs left out of them."""
-    quantities, predicted, models = list[Content](), list[Content](), list[Content]()
-    responses = dict[Part, list[Content]]()
-    for part, content in [*looks.items(), *fits]:
-        seen, choice = looks[part], choices[part.group].model
-        head = {"file": part.name, **part.fields}
-        of_part = {**head, "recording": part.words, "runs": seen["runs"]}
-        for row in content["rows"]:
-            if row["run"] is None or settings.fitting.per_run:
-                chosen = not settings.auto or row["model"] in ("", choice)
-                judged = _judged(settings, seen["remarks"], row)
-                quantities.append({**of_part, **row, **judged, "chosen": chosen})
-        predicted += [{**head, **row} for row in content.get("left_out", ())]
-        wrong = any(remark.grade == "wrong" for remark in _kept(settings, seen["remarks"]))
-        if (coefficients := content.get("responses")) and (settings.keep_all or not wrong):
-            place = {"stratum": " ".join(part.stratum), "condition": part.condition}
-            responses.setdefault(part, [{**place, **row} for row in coefficients])
-        for candidate in content.get("candidates", ()):
-            taken = "yes" if candidate["model"] == choice else "no"
-            models.append({**head, "model": "", "chosen": taken, **candidate})
-    columns = ["stratum", "condition", "channel", "omega", "real", "imag", "std"]
-    return Results(
-        settings=settings,
-        parts=[*looks],
-        choices=choices,
-        compared=compared,
-        quantities=DataFrame(quantities).astype({"run": "Int64"}),
-        models=_models_frame(DataFrame(models)),
-        left_out=DataFrame(predicted),
-        responses=DataFrame([row for rows in responses.values() for row in rows], columns=columns),
-        refused=refused,
-    )
+    rows = list[tuple[Any, ...]]()
+    for there in strata.values():
+        here = list[tuple[Any, ...]]()
+        for test, conditions in settings.tests(there):
+            ways = [("measured", "", dict[str, str](), True)]
+            for kind, name in product(KINDS[1:], settings.named):
+                ways.append((kind, name, dict.fromkeys(conditions, name), True))
+            if not settings.named:
+                some = {condition: groups[there[condition]] for condition in conditions}
+                models, suits = choose_jointly(some, settings.models)
+                # Of many conditions a model that does not suit them all serves no test.
+                models = models if suits or len(some) == 2 else {}
+                # Crossover and margin mean the same in any model.
+                own = {condition: choices[there[condition]].model for condition in conditions}
+                ways += [("loop", "", own, True), ("parameter", "", models, suits)]
+            for kind, family, models, suits in ways:
+                what = test, kind, (family, *map(there.get, conditions)), family, suits
+                here += [(*what, there[c], models.get(c, "")) for c in conditions]
+        rows += sorted(here, key=lambda row: KINDS.index(row[1]))
+    return choices, DataFrame(rows, columns=COMPARED)
 
 
 def _judged(settings: Settings, of_recording: Iterable[Sequence[str]], row: Content) -> Content:
@@ -274,12 +287,3 @@ def _kept(settings: Settings, remarks: Iterable[Sequence[str]]) -> list[Remark]:
     """Remarks from what `Content` has of them, each once, but those that the user ignores."""
     kept = (Remark(*remark) for remark in remarks if remark[0] not in settings.ignored)  # type: ignore[arg-type]
     return [*dict.fromkeys(kept)]
-
-
-def _models_frame(frame: DataFrame) -> DataFrame:
-    """Rows of models.csv, from those of candidates."""
-    frame = frame.drop(columns=["no_delay", "determined", "varies"])
-    frame["freedom"] = frame["freedom"].where(frame["freedom"] > 0).astype("Int64")
-    of_runs = ["left_out_log_likelihood", "left_out_chi_squared"]
-    frame[of_runs] = frame[of_runs].map(lambda runs: sum(runs) or math.nan)
-    return frame.rename(columns={"bounds": "remarks"})

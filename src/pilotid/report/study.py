@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from itertools import permutations
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,6 @@ import numpy as np
 from pilotid.plots.page import FIGURES, Figure, render, save_figures, write_page
 from pilotid.plots.style import INK, journal_figure, style_of
 from pilotid.report.study_tables import (
-    Ranking,
     advice,
     failure_table,
     key_of,
@@ -193,7 +191,7 @@ def content_of(study: Comparison) -> dict[str, Any]:
     }
 
 
-def overview(study: Comparison) -> tuple[list[str], list[Table], list[Ranking]]:
+def overview(study: Comparison) -> tuple[list[str], list[Table], list[Table]]:
     """The answer in sentences and tables, which the terminal and the page's first screen show."""
     names = compared(study)
     detailed = _detailed(names)
@@ -204,7 +202,6 @@ def overview(study: Comparison) -> tuple[list[str], list[Table], list[Ranking]]:
             "range that parameters of pilots usually have. `bayes(prior=3)` has priors three times "
             "as wide."
         )
-        words += [wider for name in detailed for wider in _wider_priors(study, name)]
     losses = [matrix(study, names)] if len(names) > 1 else []
     words = words if study.scenarios else ["The study holds no fits yet."]
     return words, losses, [ranking(study, name) for name in detailed]
@@ -220,17 +217,6 @@ def _detailed(names: Sequence[str]) -> Sequence[str]:
     if len(names) <= DETAILED:
         return names
     return [REFERENCE if REFERENCE in names else names[0]]
-
-
-def _wider_priors(study: Comparison, name: str) -> Iterator[str]:
-    """How the loss changes where a method's prior is wider, in words."""
-    settings = {method: entry.settings for method, entry in study.methods.items()}
-    widths = {m: s["prior"] for m, s in settings.items() if isinstance(s.get("prior"), int | float)}
-    for narrow, wide in permutations(widths, 2):
-        same = {**settings[narrow], "prior": None} == {**settings[wide], "prior": None}
-        if same and widths[wide] > widths[narrow]:
-            words = f"In `{name}`, `{wide}` has {loss_text(*study.ratio(name, wide, narrow))}"
-            yield f"{words} times the loss of `{narrow}`: the effect of its prior."
 
 
 def answer(study: Comparison, name: str) -> str:

@@ -8,7 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from pilotid.estimate.estimate import Outcome
 from pilotid.study.scores import geometric_mean, loss_text
@@ -29,19 +29,6 @@ WARNED = ("violation", "recorder")
 #: Loss from which a cell of the matrix is darkest.
 BAD = 10.0
 GRADES = {"efficient": "good", "usable": "partly", "poor": "poor"}
-#: Ends of the logarithmic axis of losses, and where it has labels.
-AXIS, TICKS = (0.5, 10.0), (1, 2, 5, 10)
-
-
-def place(loss: float) -> float:
-    """Where a loss lies on the axis [%]; what is beyond an end lies at that end."""
-    low, high = AXIS
-    inside = min(max(loss, low), high)
-    return round(100.0 * math.log(inside / low) / math.log(high / low), 1)
-
-
-#: Places and labels of the axis.
-LABELS = tuple((place(tick), tick) for tick in TICKS)
 
 
 def loss_mark(loss: float) -> str:
@@ -77,26 +64,6 @@ def of(count: int, total: int) -> str:
     return f"{count} of {total}" if count else "0"
 
 
-class Ranking(NamedTuple):
-    """A table of methods, with what a page draws of their losses.
-
-    Attributes
-    ----------
-    table
-        The table.
-    whiskers, dots
-        Places of each loss and of the ends of its interval on the axis, None for none, and the
-        loss's colour.
-    ticks
-        Places and labels of the axis.
-    """
-
-    table: Table
-    whiskers: Sequence[tuple[float, ...] | None]
-    dots: Sequence[str]
-    ticks: Sequence[tuple[float, int]] = LABELS
-
-
 #: The ranking's columns by title: what writes a value as a number, None for words.
 RANKING: Mapping[str, Callable[..., str] | None] = {
     "method": None,
@@ -111,7 +78,7 @@ RANKING: Mapping[str, Callable[..., str] | None] = {
 }
 
 
-def ranking(study: Comparison, name: str) -> Ranking:
+def ranking(study: Comparison, name: str) -> Table:
     """The methods of a scenario in the order of their loss."""
     order, count, rows, marks = ranked(study, name), study.replications(name), [], []
     warned = study.scenarios[name].family in WARNED
@@ -134,15 +101,7 @@ def ranking(study: Comparison, name: str) -> Ranking:
     caption = f"`{name}`, {what}: methods by their loss "
     caption += f"(1: exact; below {EFFICIENT:g} efficient, below {USABLE:g} usable)"
     forms = {title: form for title, form in RANKING.items() if form}
-    shown = table(rows, caption, [*RANKING], forms, marks={"verdict": marks})
-    whiskers = [tuple(map(place, _ends(row))) if is_ranked(row) else None for row in order]
-    return Ranking(shown, whiskers, [loss_mark(row.loss) for row in order])
-
-
-def _ends(row: Any) -> tuple[float, float, float]:
-    """A loss and the ends of its interval, which is of no width where it is not known."""
-    loss, low, high = loss_of(row)
-    return loss, low if math.isfinite(low) else loss, high if math.isfinite(high) else loss
+    return table(rows, caption, [*RANKING], forms, marks={"verdict": marks})
 
 
 def _times_best(study: Comparison, row: Any, best: Any) -> str | None:
