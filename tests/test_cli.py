@@ -239,7 +239,7 @@ def test_several_files_give_a_list_and_joint_gives_one(
         (("--method", "mle-black"), ("unknown method 'mle-black'", "mle-white")),
         (("--method", "all,mle-black"), ("unknown method 'mle-black'", "mle-white")),
         (("--map", "stick"), ("SIGNAL=NAME",)),
-        (("--map", "q=stick"), ("no column 'stick'", "q (extra signal)")),
+        (("--map", "q=stick"), ("no 'stick'", "q (extra signal)")),
         (("--map", "u=stick"), ("run.csv", "'stick'")),
         (("--seed", "-1"), ("--seed",)),
         (("--seed", "many"), ("--seed",)),

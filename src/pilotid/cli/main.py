@@ -124,7 +124,7 @@ def simulate(
 ) -> None:
     """Simulate a scenario, or a pilot drawn from a population; truth goes to F.truth.json."""
     truth_file = out.with_suffix(".truth.json")
-    written = [out, truth_file, *[sidecar_path(out)] * (out.suffix.lower() != ".mat")]
+    written = [out, truth_file, sidecar_path(out)]
     again = truth_file.exists()  # it was simulated
     require_free(written, [Path(scenario)], force=force or again)
     named = datasets.scenario_named(scenario)

@@ -27,7 +27,7 @@ def path_shown(path: str | os.PathLike[str]) -> str:
 
 
 def require_file(path: Path) -> None:
-    """Refuse what cannot be read before it is opened: pipes and devices may wait for ever.
+    """Refuse what cannot be read; pipes and devices, which may wait for ever, without opening them.
 
     Raises
     ------
@@ -37,6 +37,8 @@ def require_file(path: Path) -> None:
     source = path_shown(path)
     try:
         why = "" if stat.S_ISREG(path.stat().st_mode) else "it is a folder or a device, say"
+        if not why:
+            path.open("rb").close()
     except (OSError, ValueError) as error:
         why = str(getattr(error, "strerror", None) or error)
     if why:
