@@ -35,7 +35,11 @@ READER = """
 import pickle, sys
 from scipy.io import loadmat
 for path in map(eval, sys.stdin):
-    pickle.dump(loadmat(path, squeeze_me=True, struct_as_record=False), sys.stdout.buffer)
+    try:
+        content = loadmat(path, squeeze_me=True, struct_as_record=False)
+    except Exception as error:
+        content = error
+    pickle.dump(content, sys.stdout.buffer)
     sys.stdout.flush()
 """
 LOCK = Lock()
@@ -300,10 +304,12 @@ def _loaded(path: Path) -> dict[str, Any]:
         try:
             reader.stdin.write(f"{str(path.absolute())!a}\n".encode())
             reader.stdin.flush()
-            content: dict[str, Any] = pickle.load(reader.stdout)
-            return content
+            content: dict[str, Any] | Exception = pickle.load(reader.stdout)
         except BaseException:  # it ended on a damaged file, or its answer would be the next
             _reader.cache_clear()
             reader.kill()
             reader.communicate()
             raise
+    if isinstance(content, Exception):
+        raise content
+    return content
