@@ -515,7 +515,7 @@ def test_a_damaged_file_does_not_cost_the_others(tmp_path: Path) -> None:
     content[176] = 0
     files[1].write_bytes(content)
     recordings, refused = Reading().all(files, joint=False)
-    assert [r.source for r in recordings] == [str(files[i]) for i in (0, 2, 3)]
+    assert [*recordings] == [files[i] for i in (0, 2, 3)]
     assert len(refused) == 1
     assert str(files[1]) in refused[0]
 

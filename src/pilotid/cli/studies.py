@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -14,7 +14,6 @@ from pilotid.cli import options
 from pilotid.datasets.named import PEOPLE, fetch, recordings_in
 from pilotid.methods import METHODS
 from pilotid.model.catalogue import AUTO, model_named
-from pilotid.model.element import element_named
 from pilotid.recording.files import Reading, load_recording, read_with
 from pilotid.support import disk
 from pilotid.support.format import Line, make_console, show, table, with_bar
@@ -50,7 +49,6 @@ def compare(
     retry_failed: bool = False,
     people: str | None = None,
     imported: Path | None = None,
-    force: bool = False,
     out: Path = Path("results/compare"),
 ) -> None:
     """Compare methods on simulated recordings whose truth is known."""
@@ -68,7 +66,7 @@ def compare(
             out=out,
             model=[known["model"]],
             method=method or [*METHODS_FOR_PEOPLE],
-            how=Analysis(known["pattern"], left_out=True, seed=seed, workers=workers, force=force),
+            how=Analysis(known["pattern"], left_out=True, seed=seed, workers=workers),
             reading=Reading(mapping, float(known["dt"]) if known["dt"] else None),
         )
         return
@@ -80,7 +78,7 @@ def compare(
     tried = options.names_of(method, usual, list(METHODS))
     study = Study([*like_it, *names], tried, replications or count, seed)
     read = read_with([path for path in (imported, like) if path])
-    disk.require_folder(out, TABLES, read, force=force)
+    disk.require_folder(out, TABLES, read)
     theirs = [] if imported is None else read_estimates(imported, study)
     with Store(out, create=True) as store:
         pending, size = study.enter(store, retry=retry_failed), len(study.keys)
@@ -106,14 +104,13 @@ def export(
     kind: Format = "csv",
     seed: int = DEFAULT_SEED,
     out: Path,
-    force: bool = False,
 ) -> None:
     """Write a study's recordings as files for other languages, and their truth apart."""
     from pilotid.study.exchange import MANIFEST
     from pilotid.study.exchange import export as exported
 
     names = split_list(scenario)
-    count = exported(names, replications, seed, out, kind, force=force)
+    count = exported(names, replications, seed, out, kind)
     words = f"{out / MANIFEST}: {count} recordings; the truth is in {out / 'truth'}"
     fits = f"fits of yours: pilotid compare --estimates {out / 'mine.csv'} --seed {seed}"
     show(make_console(), words, fits)
@@ -176,10 +173,8 @@ def trust(
     method: list[str] | None = None,
     replications: int = 40,
     reading: Reading,
-    element: str | None = None,
     seed: int = DEFAULT_SEED,
     workers: int | None = None,
-    force: bool = False,
 ) -> None:
     """Compare methods on simulations of a recording, and correct the intervals of its fit.
 
@@ -190,10 +185,8 @@ def trust(
     from pilotid.report.study_tables import advice, trust_table
     from pilotid.study.trust import TRUST, UNKNOWN, try_fit
 
-    disk.require_folder(out, TABLES, read_with(files), force=force)
-    (recording,), _ = reading.all(files, joint=len(files) > 1)
-    if element is not None:
-        recording = replace(recording, controlled_element=element_named(element).name)
+    disk.require_folder(out, TABLES, read_with(files))
+    (recording,) = reading.all(files, joint=True)[0].values()
     chosen = select(recording, seed=seed).model if model == AUTO else model_named(model)
     tried = options.names_of(method, [], list(METHODS))
     trusted = try_fit(recording, chosen, tried, out, replications, seed, workers)
@@ -232,10 +225,8 @@ class Analysis:
     factors: str | None = None
     element: str | None = None
     fix: str | None = None
-    ignore: Sequence[str] = ()
     seed: int = DEFAULT_SEED
     workers: int | None = None
-    force: bool = False
 
 
 def analyse(
@@ -268,7 +259,6 @@ def design(
     minimise: str = "A",
     limit: str = "e=1,u=1",
     estimates: Path | None = None,
-    force: bool = False,
 ) -> None:
     """Design forcing functions for small errors, within limits on error and control."""
     from pilotid.datasets.design import design as designed
@@ -276,14 +266,13 @@ def design(
     from pilotid.report.design import error_table, sentences, write_report
 
     read = [Path(path) for path in (scenario, estimates) if path is not None]
-    disk.require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)
+    disk.require_folder(out, ("design.json", "forcing.csv", "report.html"), read)
     chosen = datasets.scenario_named(scenario or "nominal")
     if not isinstance(chosen, datasets.Scenario) or chosen.violation is not None:
         raise InputError(f"{chosen.name}: a design is for one sound loop; name a scenario")
     if estimates is not None:
         chosen = scenario_of_fit(estimates, chosen if scenario else None)
-    with make_console(errors=True).status("designing"):
-        made = designed(chosen, minimise, options.numbers_in("--limit", limit))
+    made = designed(chosen, minimise, options.numbers_in("--limit", limit))
     command = shlex.join(options.TYPED)
     write_files(out, made, {"pilotid": metadata.version("pilotid"), "command": command})
     page = write_report(out, made, command)

@@ -244,8 +244,6 @@ def alarms(results: Results) -> Iterator[str]:
     for first in gravest_first(firsts):
         place, *others = firsts[first]
         yield f"{first.line(place + (f', and {len(others)} more' if others else ''))}."
-    if ignored := results.settings.ignored:
-        yield f"Left out by --ignore: {', '.join(sorted(ignored))}."
 
 
 def summary(results: Results) -> Iterator[str]:

@@ -83,8 +83,6 @@ class Settings:
         Whether estimates that are not determined, or wrong, count as well.
     excluded
         Recordings that the user leaves out.
-    ignored
-        Codes of remarks that the user does not want to see.
     """
 
     fitting: Fitting
@@ -94,7 +92,6 @@ class Settings:
     factors: DataFrame = field(default_factory=DataFrame)
     keep_all: bool = False
     excluded: Sequence[Part] = ()
-    ignored: frozenset[str] = frozenset()
 
     @property
     def auto(self) -> bool:
@@ -235,7 +232,7 @@ def results_of(
                 judged = _judged(settings, seen["remarks"], row)
                 quantities.append({**of_part, **row, **judged, "chosen": chosen})
         predicted += [{**head, **row} for row in content.get("left_out", ())]
-        wrong = any(remark.grade == "wrong" for remark in _kept(settings, seen["remarks"]))
+        wrong = any(remark.grade == "wrong" for remark in _remarks(seen["remarks"]))
         if (coefficients := content.get("responses")) and (settings.keep_all or not wrong):
             place = {"stratum": " ".join(part.stratum), "condition": part.condition}
             responses.setdefault(part, [{**place, **row} for row in coefficients])
@@ -258,22 +255,21 @@ def results_of(
 
 def _judged(settings: Settings, of_recording: Iterable[Sequence[str]], row: Content) -> Content:
     """What is said of a value and its recording, and why it does not count; empty if it does."""
-    said = _kept(settings, [*of_recording, *row["of_fit"]])
-    of_loops = _kept(settings, row["of_loops"])
+    said = _remarks([*of_recording, *row["of_fit"]])
+    of_loops = _remarks(row["of_loops"])
     unusable = [] if row["usable"] else [row["outcome"]]
     wrong = [remark.code for remark in [*said, *of_loops] if remark.grade == "wrong"]
     doubted = [] if settings.keep_all else [*wrong, row["left_out"]]
     no_value = [] if math.isfinite(row["value"]) else ["no value"]
     why = next(filter(None, [*unusable, *doubted, *no_value]), "")
-    about = of_loops if row["kind"] == "loop" else _kept(settings, row["of_fit"])
+    about = of_loops if row["kind"] == "loop" else _remarks(row["of_fit"])
     words = [f"not counted: {why}"] if why else []
     return {"left_out": why, "said": said, "remarks": " | ".join([*words, *about])}
 
 
-def _kept(settings: Settings, remarks: Iterable[Sequence[str]]) -> list[Remark]:
-    """Remarks from what `Content` has of them, each once, but those that the user ignores."""
-    kept = (Remark(*remark) for remark in remarks if remark[0] not in settings.ignored)  # type: ignore[arg-type]
-    return [*dict.fromkeys(kept)]
+def _remarks(found: Iterable[Sequence[str]]) -> list[Remark]:
+    """Remarks from what `Content` has of them, each once."""
+    return [*dict.fromkeys(Remark(*remark) for remark in found)]  # type: ignore[arg-type]
 
 
 def _models_frame(frame: DataFrame) -> DataFrame:

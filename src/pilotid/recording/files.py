@@ -191,7 +191,7 @@ class Reading:
         recording = detrended(recording) if self.detrend else recording
         return windows.chosen_runs(recording, self.runs) if self.runs else recording
 
-    def all(self, files: Sequence[Path], *, joint: bool) -> tuple[list[Recording], list[str]]:
+    def all(self, files: Sequence[Path], *, joint: bool) -> tuple[dict[Path, Recording], list[str]]:
         """The recordings in files, as one if they are runs of one, and why others are refused.
 
         One bad file of several does not cost the others; where none is good, or all are runs of
@@ -199,11 +199,11 @@ class Reading:
         """
         if joint and len(files) > 1:
             whole = joined(replace(self, runs="").one(file) for file in files)
-            return [windows.chosen_runs(whole, self.runs) if self.runs else whole], []
-        recordings, refused = list[Recording](), list[str]()
+            return {files[0]: windows.chosen_runs(whole, self.runs) if self.runs else whole}, []
+        recordings, refused = dict[Path, Recording](), list[str]()
         for file in files:
             try:
-                recordings.append(self.one(file))
+                recordings[file] = self.one(file)
             except InputError as error:
                 refused.append(str(error))
         if not recordings:

@@ -153,16 +153,12 @@ def require_free(
         if target.is_dir() or not (target.exists() or os.access(target.parent, os.W_OK | os.X_OK)):
             raise InputError(f"{target}: cannot be written; name a file in a folder that is there")
         if not force and target.suffix not in unasked and target.is_file():
-            raise InputError(
-                f"{target}: is there already; name another place, or write over it with --force"
-            )
+            raise InputError(f"{target}: is there already; name another place, or remove it")
 
 
-def require_folder(
-    folder: Path, names: Sequence[str], inputs: Iterable[Path] = (), *, force: bool = False
-) -> None:
+def require_folder(folder: Path, names: Sequence[str], inputs: Iterable[Path] = ()) -> None:
     """The same for files of these names in a folder, which is made."""
     ours = any((folder / name).exists() for name in STORES)
     make_folder(folder)
     targets = [folder / name for name in names]
-    require_free(targets, inputs, force=force or ours, unasked=())
+    require_free(targets, inputs, force=ours, unasked=())

@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
@@ -226,10 +226,10 @@ def _cluster(scheduler: str) -> Iterator[Workers]:
         submit = partial(executor.submit, _same_code, digest)
         yield Workers(1000, submit, {KilledWorker: (Loss.DIED, "again and again")})
     except Exception as error:
-        why = f"a worker cannot do a fit ({reason(error)}); install the same pilotid there"
-        if isinstance(error, CancelledError):  # that is how a lost connection ends them
-            why = "the scheduler ended or cannot be reached any more; what is done is kept"
-        raise InputError(f"{place}: {why}, and run the same command again") from error
+        raise InputError(
+            f"{place}: {reason(error)}; see that the scheduler runs and workers have the same "
+            "pilotid, and run the same command again: what is done is kept"
+        ) from error
     finally:
         with suppress(Exception):  # there may be nobody to take leave of
             client.close(timeout=2.0)
