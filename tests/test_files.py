@@ -17,7 +17,6 @@ from scipy.io import savemat
 from pilotid.recording.files import (
     Reading,
     load_recording,
-    parse_mapping,
     save_recording,
 )
 from pilotid.recording.recording import SIGNALS, Recording
@@ -250,8 +249,7 @@ READ: list[tuple[str, Writer, int, dict[str, Any]]] = [
 
 @pytest.mark.parametrize(("write", "runs", "more"), [k[1:] for k in READ], ids=[k[0] for k in READ])
 def test_kind_is_read(tmp_path: Path, write: Writer, runs: int, more: dict[str, Any]) -> None:
-    mapping = parse_mapping(more["map"]) if "map" in more else None
-    recording = load_recording(write(tmp_path), mapping, more.get("dt"))
+    recording = load_recording(write(tmp_path), more.get("map"), more.get("dt"))
     assert (recording.dt, recording.run_in) == (DT, 0)
     for name, values in (("e", E), ("u", U), ("x", X)):
         np.testing.assert_allclose(getattr(recording, name), values[:runs], atol=2e-12)
@@ -564,22 +562,22 @@ def test_sampling_interval_is_restored_exactly(tmp_path: Path, suffix: str, dt: 
 
 
 def test_mapping(tmp_path: Path) -> None:
-    assert parse_mapping("u=-stick, e = err") == {"u": "-stick", "e": "err"}
-    with pytest.raises(InputError, match="names a signal twice"):
-        parse_mapping("u=stick,u=err")
     runs = make_recording(2)
     save_recording(runs, tmp_path / "F.csv")
     content = (tmp_path / "F.csv").read_text().replace("u_", "stick_")
-    loaded = load_recording(written(content, "G.csv")(tmp_path), {"u": "-stick"})
-    np.testing.assert_array_equal(loaded.u, -runs.u)
+    for mapping in ({"u": "-stick"}, "u = -stick, e=e"):
+        loaded = load_recording(written(content, "G.csv")(tmp_path), mapping)
+        np.testing.assert_array_equal(loaded.u, -runs.u)
+    with pytest.raises(InputError, match="or u a second time"):
+        load_recording(tmp_path / "G.csv", "u=stick,u=e")
     loaded = load_recording(saved({**TWO, "stick": TWO["u"]})(tmp_path), {"u": "-stick"})
     np.testing.assert_array_equal(loaded.u, -U)
     for path in (tmp_path / "F.csv", tmp_path / "F.mat"):
         with pytest.raises(InputError, match="'target' for ft"):
             load_recording(path, {"ft": "target"})
-        for name in ("y_1", ""):
+        for name, text in (("y_1", "y_1=x"), ("", "u=x,"), ("", "=x")):
             with pytest.raises(InputError, match=f"cannot be named '{name}'"):
-                load_recording(path, {name: "x"})
+                load_recording(path, text)
 
 
 def test_advice_of_a_refusal_can_be_followed(tmp_path: Path) -> None:

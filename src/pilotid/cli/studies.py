@@ -16,13 +16,13 @@ from pilotid.methods import METHODS
 from pilotid.model.catalogue import AUTO, model_named
 from pilotid.recording.files import Reading, load_recording, read_with
 from pilotid.support import disk
-from pilotid.support.format import Line, make_console, show, table, with_bar
+from pilotid.support.format import Line, Table, make_console, show, table, with_bar
 from pilotid.support.naming import split_list
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
-    from pilotid.study.table import Store
+    from pilotid.study.table import Comparison
 
 Format = Literal["csv", "mat", "npz"]
 Profile = Literal["quick", "full", "paper"]
@@ -88,7 +88,7 @@ def compare(
         results = study.run(store, pending, workers, scheduler, time_limit or None)
         for _ in with_bar(results, "fits", len(pending)):
             pass
-        _finish(out, store)
+        _finish(out, store.comparison())
         if profile == "paper" and not (scenario or method):
             from pilotid.report.paper import write_paper
             from pilotid.study.paper import fit_trials
@@ -121,17 +121,18 @@ def report(folder: Path) -> None:
     from pilotid.study.table import Store
 
     with Store(folder) as store:
-        _finish(folder, store)
+        _finish(folder, store.comparison())
 
 
-def _finish(folder: Path, store: Store) -> None:
+def _finish(folder: Path, study: Comparison, *more: str | Table) -> None:
+    """Write the tables and the report of a comparison, and show what it and more say."""
     from pilotid.report.study import overview, write_report
 
-    study = store.comparison()
     study.write(folder)
     path = write_report(folder, study)
     words, losses, rankings = overview(study)
-    show(make_console(), *losses, *(each.table for each in rankings), *words, f"report: {path}")
+    tables = (*losses, *(ranking.table for ranking in rankings))
+    show(make_console(), *tables, *words, *more, f"report: {path}")
 
 
 def compare_studies(first: Path, second: Path) -> None:
@@ -181,7 +182,6 @@ def trust(
     The first method that is named is the one whose fit is judged, else mle.
     """
     from pilotid.likelihood.choice import select
-    from pilotid.report.study import overview, write_report
     from pilotid.report.study_tables import advice, trust_table
     from pilotid.study.trust import TRUST, UNKNOWN, try_fit
 
@@ -190,12 +190,9 @@ def trust(
     chosen = select(recording, seed=seed).model if model == AUTO else model_named(model)
     tried = options.names_of(method, [], list(METHODS))
     trusted = try_fit(recording, chosen, tried, out, replications, seed, workers)
-    page = write_report(out, trusted.comparison)
     content = trusted.to_dict()
-    words, losses, rankings = overview(trusted.comparison)
-    written = f"scenario and numbers: {out / TRUST}, report: {page}"
-    shown = [*losses, *(ranking.table for ranking in rankings), trust_table(content)]
-    show(make_console(), *shown, *words, *advice(content), UNKNOWN, written)
+    said = [*advice(content), UNKNOWN, f"scenario and numbers: {out / TRUST}"]
+    _finish(out, trusted.comparison, trust_table(content), *said)
 
 
 def fetch_data(name: str | None = None) -> None:

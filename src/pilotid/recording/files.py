@@ -23,44 +23,9 @@ READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz")
 WRITTEN = (".csv", ".mat", ".npz")
 
 
-def parse_mapping(text: str) -> dict[str, str]:
-    """The mapping in a text such as ``u=-stick,e=err``.
-
-    Parameters
-    ----------
-    text
-        Pairs of our signal name and the file's name for it; a minus before
-        the file's name flips the sign.
-
-    Raises
-    ------
-    InputError
-        If a signal is given twice; what else is wrong is said of each file.
-    """
-    pairs = [pair.partition("=") for pair in text.split(",")]
-    mapping = {signal.strip(): name.strip() for signal, _, name in pairs}
-    if len(mapping) < len(pairs):
-        raise InputError(f"the mapping {shown(text)} names a signal twice; name each once")
-    return mapping
-
-
-def _places_of(mapping: Mapping[str, str]) -> dict[str, tuple[float, str]]:
-    """A factor and a name in the file by signal; what is not one of `NAMES` is an extra signal."""
-    places = {}
-    for signal, choice in mapping.items():
-        if signal not in NAMES:
-            require_extra_name(signal)
-        factor, name = places[signal] = factor_of(choice)
-        if not name or not (np.isfinite(factor) and factor):
-            raise InputError(
-                f"the mapping {signal}={choice} names nothing; write SIGNAL=NAME, SIGNAL=-3.5*NAME"
-            )
-    return places
-
-
 def load_recording(
     path: str | os.PathLike[str],
-    mapping: Mapping[str, str] | None = None,
+    mapping: Mapping[str, str] | str | None = None,
     dt: float | None = None,
     *,
     periods: bool = True,
@@ -74,7 +39,8 @@ def load_recording(
         ``F.mat::identification``, and runs by the value of a variable, as in ``F.mat::sigma=17``.
     mapping
         The file's names for our signals t, e, u, x, ft, fd where they differ,
-        with a leading minus to flip the sign; by other names, extra signals.
+        with a leading minus to flip the sign; by other names, extra signals.  A mapping, or a
+        text such as ``u=-stick,e=err``.
     dt
         Sampling interval [s], for a file without times.
     periods
@@ -98,6 +64,24 @@ def load_recording(
         recording = recording_of(Content(source, part, notes, read(file, source)), places, dt)
     cut = periods and notes.run_in is None
     return windows.whole_periods(recording) if cut else recording
+
+
+def _places_of(mapping: Mapping[str, str] | str) -> dict[str, tuple[float, str]]:
+    """A factor and a name in the file by signal; what is not one of `NAMES` is an extra signal."""
+    pairs = mapping.split(",") if isinstance(mapping, str) else map("=".join, mapping.items())
+    places: dict[str, tuple[float, str]] = {}
+    for pair in pairs:
+        signal, _, choice = (text.strip() for text in pair.partition("="))
+        if signal not in NAMES:
+            require_extra_name(signal)
+        factor, name = factor_of(choice)
+        if signal in places or not (name and np.isfinite(factor) and factor):
+            raise InputError(
+                f"the mapping {shown(pair)} names nothing, or {signal} a second time; write each "
+                "once, SIGNAL=NAME or SIGNAL=-3.5*NAME"
+            )
+        places[signal] = factor, name
+    return places
 
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -183,8 +167,7 @@ class Reading:
 
     def one(self, file: Path) -> Recording:
         """The recording in a file."""
-        names = parse_mapping(",".join(self.mapping)) if self.mapping else None
-        recording = load_recording(file, names, self.dt, periods=not self.span)
+        recording = load_recording(file, ",".join(self.mapping), self.dt, periods=not self.span)
         recording = replace(recording, lead_in=self.lead_in)
         if self.span:
             recording = recording.cut(*windows.span_of(self.span))
