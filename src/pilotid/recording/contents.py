@@ -119,14 +119,13 @@ def read_table(path: Path, source: str) -> list[Variable]:
     units = [_unit(cell) for row in rows[1:2] for cell in row]
     begin = 2 if any(units) and None not in units else 1
     columns = [column[begin:] for column in zip(*rows, strict=True)]
-    rows_of_runs: dict[str, list[int]] = {}
     labels = columns[header.index(RUN)] if RUN in header else [""] * len(rows[begin:])
-    for number, label in enumerate(labels):
-        rows_of_runs.setdefault(label.strip(), []).append(number)
+    of_row = np.array([label.strip() for label in labels])
+    runs = [of_row == label for label in dict.fromkeys(of_row.tolist())]
 
     def numbers(name: str, cells: Sequence[str]) -> list[FloatArray]:
         column = _column(name, cells, places[begin:], source)
-        return [column[run] for run in rows_of_runs.values()] or [column]
+        return [column[run] for run in runs] or [column]
 
     variables = []
     for place, (name, cells) in enumerate(zip(header, columns, strict=True)):
