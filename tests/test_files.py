@@ -306,7 +306,7 @@ REFUSED: list[tuple[str, Writer, list[str]]] = [
 #: Lines of a CSV file, and what the sentence must say.
 REFUSED_LINES: list[tuple[list[str], list[str]]] = [
     (replaced(5, "0.15,abc,0,0"), ["line 5, column e: 'abc' is no finite number"]),
-    (replaced(5, ""), ["a step of 0.1 s behind 0.1 s"]),
+    (replaced(5, ""), ["line 5 has 0 cells"]),
     (replaced(5, '0.15,"0,0,0'), ["line 5 has 0 cells"]),
     (replaced(5, "0.05,0,0,0"), ["run 1, from 0 s on, has a step of 0.15 s behind 0.05 s"]),
     (rows()[:9] + rows()[10:], ["a step of 0.1 s behind 0.35 s"]),

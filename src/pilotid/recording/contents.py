@@ -168,7 +168,9 @@ def _rows(text: str) -> tuple[list[int], list[list[str]]]:
     end in ``...`` stand for as many as there are columns.
     """
     every = [*enumerate(text.split("\n"), start=1)]
-    lines = [(n, t) for n, t in every if t.strip() and not t.lstrip().startswith(COMMENT)]
+    lines = [(n, line) for n, line in every if not line.lstrip().startswith(COMMENT)]
+    while len(lines) > 1 and not lines[0][1].strip():
+        del lines[0]
     while len(lines) > 1 and not lines[-1][1].strip(",; \t"):
         del lines[-1]
     first, header = lines[0] if lines else (1, "")
