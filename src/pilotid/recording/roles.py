@@ -187,7 +187,8 @@ def _columns_of_signals(
     wanted = {name: name for name in (*NAMES, *content.notes.extra)}
     wanted |= {signal: name for signal, (_, name) in places.items()}
     u = wanted["u"].casefold()
-    holding = [p for p in parts if f"{p}.{u}".casefold() in families or u.startswith(f"{p}.")]
+    within = {p: f"{p}.".casefold() for p in parts}
+    holding = [p for p in parts if within[p] + u in families or u.startswith(within[p])]
     if not part and len(holding) == 1 and ("." in u or u not in families):
         part = holding[0]
     chosen = {*places, *content.notes.extra}
