@@ -78,7 +78,7 @@ def test_one_bad_file_does_not_cost_the_others(run: Run, tmp_path: Path) -> None
     printed = run("check", tmp_path / "bad.csv", written(NOMINAL, tmp_path / "F.csv"))
     assert printed.status == 2
     assert "nothing is wrong with the signals" in printed.out
-    assert "bad.csv: has no column 't' for t (time)" in printed.err
+    assert "bad.csv: has no 't' for t (time)" in printed.err
     assert len(printed.err.splitlines()) == 1
 
 

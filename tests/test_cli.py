@@ -76,11 +76,11 @@ def test_a_model_whose_signals_are_not_recorded_is_refused_with_their_names(
         rows.writeheader()
         rows.writerows(table)
     refused(run("fit", file, "--model", *options), "some.csv", words)
-    if words.endswith("(x)"):  # other models are fitted all the same
-        answer = run("fit", file, "--model", "multi,gain", "--method", "mle-white")
+    if words.endswith("(x)"):  # other recordings are fitted all the same
+        answer = run("fit", file, simulated, "--model", "multi", "--method", "mle-white")
         assert answer.status == 2
         assert words in answer.err
-        assert "model gain" in answer.out
+        assert "model multi" in answer.out
 
 
 # ------------------------------------------------------------------------------------- list
@@ -94,10 +94,8 @@ def test_version_is_that_of_what_is_installed(run: Run) -> None:
 def test_the_installed_command_runs() -> None:
     command = Path(sys.executable).with_name("pilotid")
     done = subprocess.run([command, "list"], capture_output=True, text=True, check=True, timeout=60)
-    core, _, more = done.stdout.partition("more models\n")
-    named = [re.findall(r"(?m)^  (\S+) ", part) for part in (core, more)]
-    assert named[0][4:9] == ["mle", "fourier", "arx", "sindy", "bayes"]
-    assert sorted(named[0] + named[1]) == sorted([*MODELS, *METHODS, *CATALOGUE])
+    named = re.findall(r"(?m)^  (\S+) ", done.stdout)
+    assert named == [*MODELS, *METHODS, *CATALOGUE]
     bad = subprocess.run([command, "fit", "x.csv"], capture_output=True, text=True, timeout=60)
     assert (bad.returncode, bad.stdout) == (2, "")
     assert bad.stderr.startswith("pilotid: x.csv: ")
@@ -189,30 +187,6 @@ def test_without_a_model_the_recording_chooses(run: Run, simulated: Path) -> Non
     assert not {"choice", "models"} & set(named)
 
 
-def test_several_models_are_fitted_and_compared(run: Run, simulated: Path) -> None:
-    fit = ("fit", simulated, "--method", "mle-white", "--json", "-", "--model")
-    entries = strict(run(*fit, "single,multi,single").out)
-    assert [entry["model"] for entry in entries] == ["single", "multi"]
-    assert entries[0]["choice"].startswith("multi was chosen among")
-    assert {entry["model"] for entry in entries[0]["models"]} == {"single", "multi"}
-    assert "choice" not in entries[1]
-    alone = strict(run(*fit, "multi").out)["estimates"][0]["parameters"]
-    assert entries[1]["estimates"][0]["parameters"] == alone
-    for wrong in ("single,nothing", "", ","):
-        assert run(*fit, wrong).status == 2
-
-
-def test_a_changing_model_is_compared_by_the_same_likelihood(run: Run, tmp_path: Path) -> None:
-    path = tmp_path / "single.csv"
-    run("simulate", "single", "--seed", 1, "--out", path)
-    fit = ("fit", path, "--method", "mle-white", "--json", "-", "--model", "single,adapting")
-    first, second = strict(run(*fit).out)
-    assert second["model"] == "adapting"
-    constant, changing = (c["aicc"] for c in first["models"])
-    # Likelihoods of two bands were apart by 2463; three more parameters explain a little by chance.
-    assert abs(constant - changing) < 40.0
-
-
 def test_several_files_give_a_list_and_joint_gives_one(
     run: Run, simulated: Path, tmp_path: Path
 ) -> None:
@@ -239,7 +213,7 @@ def test_several_files_give_a_list_and_joint_gives_one(
         (("--method", "mle-black"), ("unknown method 'mle-black'", "mle-white")),
         (("--method", "all,mle-black"), ("unknown method 'mle-black'", "mle-white")),
         (("--map", "stick"), ("SIGNAL=NAME",)),
-        (("--map", "q=stick"), ("no column 'stick'", "q (extra signal)")),
+        (("--map", "q=stick"), ("no 'stick'", "q (extra signal)")),
         (("--map", "u=stick"), ("run.csv", "'stick'")),
         (("--seed", "-1"), ("--seed",)),
         (("--seed", "many"), ("--seed",)),

@@ -142,7 +142,7 @@ def test_a_mapping_names_columns_of_extra_signals(run: Run, tmp_path: Path) -> N
     [
         ("x_2=state", "an extra signal cannot be named 'x_2'"),
         ("Run=state", "an extra signal cannot be named 'Run'"),
-        ("x2=nothing", "no column 'nothing' for x2 (extra signal)"),
+        ("x2=nothing", "no 'nothing' for x2 (extra signal)"),
     ],
 )
 def test_bad_names_cost_a_sentence(run: Run, tmp_path: Path, mapping: str, words: str) -> None:

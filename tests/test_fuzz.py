@@ -48,8 +48,7 @@ def csv_lines() -> list[str]:
 
 def mat_bytes(compressed: bool) -> bytes:
     stream = io.BytesIO()
-    notes = {"units": {"u": "deg"}, "runs": 2.0}
-    savemat(stream, {**variables(), "pilotid": notes}, do_compression=compressed)
+    savemat(stream, variables(), do_compression=compressed)
     return stream.getvalue()
 
 

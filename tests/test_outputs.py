@@ -1,4 +1,4 @@
-"""Where results go: no input is written over, and other files with --force alone."""
+"""Where results go: no input is written over, and neither are other files."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ def digests(folder: Path) -> dict[Path, str]:
     "command",
     [
         "analyse o/estimates.csv --out o",
-        "analyse o/models.csv --out o --force",
-        "posterior o/summary.csv --out o --force",
+        "analyse o/models.csv --out o",
+        "posterior o/summary.csv --out o",
         "compare --scenario single --method mle-white --replications 1 --out o",
         "simulate single --out b.csv",
         "fit s.csv --json a.out --report a.out",
-        "fit s.csv --json link.json --force",
+        "fit s.csv --json link.json",
         "fit s.csv --json nowhere/a.json",
-        "check s.csv --json s.json --force",
+        "check s.csv --json s.json",
     ],
 )
 def test_what_must_stay_is_refused_before_work_begins(run: Run, place: Path, command: str) -> None:
@@ -62,12 +62,12 @@ def test_what_must_stay_is_refused_before_work_begins(run: Run, place: Path, com
     assert digests(place) == before
 
 
-def test_results_are_written_again_and_other_files_with_force(run: Run, place: Path) -> None:
+def test_results_are_written_again_and_other_files_are_not(run: Run, place: Path) -> None:
     for _ in range(2):
         assert run(*FIT, "--json", "x.json").status == 0
         assert run("simulate", "single", "--out", "y.csv").status == 0
-    assert run(*FIT, "--json", "notes.txt", "--force").status == 0
-    assert b"recording" in (place / "notes.txt").read_bytes()
+    assert "notes.txt: is there already" in run(*FIT, "--json", "notes.txt").err
+    assert (place / "notes.txt").read_text() == "mine"
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")

@@ -3,18 +3,11 @@
 from __future__ import annotations
 
 import copy
-import json
 import pickle
 import re
-from dataclasses import replace
 from pathlib import Path
 
-import pytest
-
-from pilotid import save_recording, simulate
-from pilotid.cli.main import main
-from pilotid.support.remarks import CODES, OTHER, Remark, codes_in, codes_of, remark_of
-from pilotid.support.types import InputError
+from pilotid.support.remarks import CODES, OTHER, Remark, codes_of, remark_of
 
 ROOT = Path(__file__).parent.parent
 
@@ -41,25 +34,3 @@ def test_the_guide_has_cause_and_cure_of_every_code() -> None:
         code: f"{grade}: {words}" for code, (grade, words) in CODES.items()
     }
     assert all(len(row) == 4 and row[2].endswith(".") and row[3].endswith(".") for row in rows)
-
-
-def test_an_unknown_code_is_refused_with_those_that_there_are() -> None:
-    assert codes_in(["drift,low-pass", "rounded"]) == {"drift", "low-pass", "rounded"}
-    with pytest.raises(InputError, match=r"is no code of a warning: .*drift"):
-        codes_in(["dritf"])
-
-
-def test_ignored_warnings_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    recording = simulate("single", 1)
-    save_recording(replace(recording, u=recording.u + 0.05 * recording.time), tmp_path / "run.csv")
-    for command in ("check", "fit"):
-        codes = {}
-        for extra in ([], ["--ignore", "drift"]):
-            words = [command, str(tmp_path / "run.csv"), "--json", "-", *extra]
-            words += ["--model", "single"] if command == "fit" else []
-            with pytest.raises(SystemExit):
-                main(words)
-            found = json.loads(capsys.readouterr().out)["recording"]
-            codes[bool(extra)] = found["codes"]
-        assert "drift" in codes[False]
-        assert codes[True] == [code for code in codes[False] if code != "drift"]

@@ -58,7 +58,7 @@ def test_runs_are_counted_over_files_that_are_one_recording(tmp_path: Path) -> N
     files = [tmp_path / f"run{run}.csv" for run in range(3)]
     for run, file in enumerate(files, start=1):
         save_recording(chosen_runs(RECORDING, str(run)), file)
-    (found,), _ = Reading(runs="2-3", span="0:41").all(files, joint=True)
+    (found,) = Reading(runs="2-3", span="0:41").all(files, joint=True)[0].values()
     assert (found.runs, found.duration) == (2, pytest.approx(41.0))
     np.testing.assert_allclose(found.u[0, :100], RECORDING.u[1, :100])
 

@@ -24,13 +24,11 @@ if __name__ == "__main__":
             scenario = scenario_of(origin, SEED, replication)
             recording = recording_of(origin, SEED, replication)
             path = TASKS / f"{name}-{replication}.npz"
-            save_recording(recording, path)
+            save_recording(recording, path)  # the sidecar tells the sampling interval
             with np.load(path) as archive:
-                arrays = {key: archive[key] for key in archive.files}
-            signals = {key: arrays[key].astype(np.float32) for key in recording.arrays}
-            notes = {key: value for key, value in arrays.items() if key.startswith("pilotid.")}
+                signals = {key: archive[key].astype(np.float32) for key in recording.arrays}
             stream = io.BytesIO()
-            np.savez_compressed(stream, **{**notes, "pilotid.dt": recording.dt, **signals})
+            np.savez_compressed(stream, **signals)  # type: ignore[arg-type]
             path.write_bytes(stream.getvalue())
             known = truths_of(scenario)
             held[path.stem] = {

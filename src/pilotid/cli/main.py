@@ -24,24 +24,17 @@ from pilotid.estimate.method import Fitted, Method, fit_all
 from pilotid.estimate.warnings import unrecorded
 from pilotid.methods import METHODS
 from pilotid.methods.bayes import Bayes
-from pilotid.model.catalogue import AUTO, MODELS, model_named
+from pilotid.model.catalogue import AUTO, MODELS
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import Reading, read_with, save_recording
 from pilotid.recording.recording import Recording
 from pilotid.recording.windows import sidecar_path, stem_of
-from pilotid.support.disk import path_shown, require_folder, require_free, strict_json, write_file
+from pilotid.support.disk import require_folder, require_free, strict_json, write_file
 from pilotid.support.format import Line, make_console, show, show_warning, with_bar
 from pilotid.support.naming import labelled
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng, recording_rng
-from pilotid.support.remarks import codes_in
 from pilotid.support.types import InputError
 
-#: What `list` shows first; all else is under "more".
-CORE = {
-    "models": ("single", "multi", "gain", "lead-lag"),
-    "methods": ("mle", "fourier", "arx", "sindy", "bayes"),
-    "scenarios": ("nominal", "single", "population-usual"),
-}
 STOPPED = 130  # the status that shells give to a program that Ctrl-C ended
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -94,17 +87,15 @@ def program(
 
 @app.command("list")
 def list_names() -> None:
-    """List models, methods and scenarios, the usual ones first."""
+    """List models, methods and scenarios."""
     summaries = {
         "models": {m.name: f"{m.description}: {', '.join(m.keys)}" for m in MODELS.values()},
         "methods": {name: _first_line(m) for name, m in METHODS.items()},
         "scenarios": {s.name: s.description for s in datasets.CATALOGUE.values()},
     }
-    for more in ("", "more "):
-        for title, entries in summaries.items():
-            names = [n for n in entries if n not in CORE[title]] if more else CORE[title]
-            lines = (f"  {name:<20} {entries[name]}" for name in names)
-            show(make_console(), Line(more + title, "heading"), *lines)
+    for title, entries in summaries.items():
+        lines = (f"  {name:<20} {text}" for name, text in entries.items())
+        show(make_console(), Line(title, "heading"), *lines)
 
 
 def _first_line(method: Method) -> str:
@@ -119,13 +110,12 @@ def simulate(
     out: Path,
     seed: int = DEFAULT_SEED,
     runs: int | None = None,
-    force: bool = False,
 ) -> None:
     """Simulate a scenario, or a pilot drawn from a population; truth goes to F.truth.json."""
     truth_file = out.with_suffix(".truth.json")
-    written = [out, truth_file, *[sidecar_path(out)] * (out.suffix.lower() != ".mat")]
+    written = [out, truth_file, sidecar_path(out)]
     again = truth_file.exists()  # it was simulated
-    require_free(written, [Path(scenario)], force=force or again)
+    require_free(written, [Path(scenario)], force=again)
     named = datasets.scenario_named(scenario)
     drawn = named.drawn(draw_rng(seed, named.name))
     drawn = replace(drawn, runs=runs or drawn.runs)
@@ -145,24 +135,19 @@ def fit(
     element: str | None = None,
     fix: str | None = None,
     seed: int = DEFAULT_SEED,
-    ignore: list[str] | None = None,
     json: str | None = None,
     report: Path | None = None,
-    force: bool = False,
 ) -> None:
     """Identify a pilot model from recordings."""
-    ignored = codes_in(ignore or ())
-    models, methods = options.models_of(model, fix), options.methods_of(method, ["mle"])
-    options.require_free(files, json, report, force=force)
-    recordings, refused = reading.all(files, joint=joint)
+    named, methods = options.model_of(model, fix), options.methods_of(method, ["mle"])
+    options.require_free(files, json, report)
+    read, refused = reading.all(files, joint=joint)
     fits: list[Fitted] = []
-    for recording in with_bar(recordings, "fitting", len(recordings)):
-        why = {m.name: text for m in models if (text := unrecorded(recording, m))}
-        refused += [f"{recording.source}: {text}" for text in why.values()]
-        able = [m for m in models if m.name not in why]
-        if able or not models:
-            found = _fitted(recording, able, fix, methods, seed, element)
-            fits += [fitted.without(ignored) for fitted in found]
+    for recording in with_bar(read.values(), "fitting", len(read)):
+        if named is not None and (why := unrecorded(recording, named)):
+            refused.append(f"{recording.source}: {why}")
+        else:
+            fits.append(_fitted(recording, named, fix, methods, seed, element))
     if not fits:
         options.raise_refused(refused)
     from pilotid.report.fit import html_report, print_fit
@@ -188,25 +173,21 @@ def _entry(fitted: Fitted) -> dict[str, Any]:
 
 def _fitted(
     recording: Recording,
-    named: Sequence[PilotModel],
+    named: PilotModel | None,
     fix: str | None,
     methods: Mapping[str, Method],
     seed: int,
     element: str | None,
-) -> list[Fitted]:
-    """The fits of each model, and their loops with the controlled element, if it is known.
-
-    The first has what was said of models, where there are several or none is named.
-    """
-    if len(named) == 1:
-        return [fit_all(recording, named[0], methods, seed, element)]
+) -> Fitted:
+    """The fits of a model, or of the one that the recording supports best, and their loops."""
+    if named is not None:
+        return fit_all(recording, named, methods, seed, element)
     from pilotid.likelihood.choice import select
 
-    fitted = select(options.closed_by(recording, element), named, seed, fix)
-    models = named or [fitted.model]
-    first, *rest = [fit_all(recording, model, methods, seed, element) for model in models]
-    compared = tuple(map(asdict, fitted.candidates))
-    return [replace(first, choice=fitted.reason, compared=compared), *rest]
+    selected = select(recording, seed=seed, fixed=fix, element=element)
+    fitted = fit_all(recording, selected.model, methods, seed, element)
+    compared = tuple(map(asdict, selected.candidates))
+    return replace(fitted, choice=selected.reason, compared=compared)
 
 
 def check(
@@ -216,17 +197,14 @@ def check(
     joint: bool = False,
     element: str | None = None,
     brief: bool = False,
-    ignore: list[str] | None = None,
     json: str | None = None,
-    force: bool = False,
 ) -> None:
     """Summarise recordings and report problems."""
     from pilotid.report.check import check_all, summary_of
 
-    ignored = codes_in(ignore or ())
-    options.require_free(files, json, force=force)
-    recordings, refused = reading.all(files, joint=joint)
-    every = check_all(recordings, element, ignored)
+    options.require_free(files, json)
+    read, refused = reading.all(files, joint=joint)
+    every = check_all([*read.values()], element)
     if not options.write_json(json, (checked.to_dict() for checked in every)):
         gap = [""] * (not brief)
         for number, checked in enumerate(every):
@@ -250,28 +228,24 @@ def posterior(
     element: str | None = None,
     seed: int = DEFAULT_SEED,
     out: Path | None = None,
-    force: bool = False,
 ) -> None:
     """Sample the posterior of a pilot model's parameters with emcee."""
     from pilotid.report.fit import print_posterior, quantities_of, write_posterior
 
-    models = [] if model == AUTO else [model_named(model)]
-    folders: dict[str, Path] = {}
-    if out is not None and len(files) > 1 and not joint:
-        folders = {path_shown(file): out / stem_of(file) for file in files}
-        if len({*folders.values()}) < len(files):
-            raise InputError("two files have one name; choose another --out for one of them")
-    for folder in folders.values() or ([out] if out else []):
-        require_folder(folder, FILES, read_with(files), force=force)
-    recordings, refused = reading.all(files, joint=joint)
+    named = options.model_of(model, None)
+    several = len(files) > 1 and not joint
+    folders = {file: out / stem_of(file) if several else out for file in files if out is not None}
+    if several and len({*folders.values()}) < len(folders):
+        raise InputError("two files have one name; choose another --out for one of them")
+    for folder in dict.fromkeys(folders.values()):
+        require_folder(folder, FILES, read_with(files))
+    read, refused = reading.all(files, joint=joint)
     sampler = {"bayes": Bayes(effective=2000.0)}
-    for number, recording in enumerate(recordings):
-        with make_console(errors=True).status("sampling"):
-            (fitted,) = _fitted(recording, models, None, sampler, seed, element)
+    for number, (file, recording) in enumerate(read.items()):
+        fitted = _fitted(recording, named, None, sampler, seed, element)
         quantities = quantities_of(fitted)
-        source = f"{recording.source}, "  # behind a file's name may be the span and the runs
-        place = next((f for name, f in folders.items() if source.startswith(f"{name}, ")), out)
-        written = write_posterior(place, fitted, quantities) if place and quantities else []
+        is_written = out is not None and quantities
+        written = write_posterior(folders[file], fitted, quantities) if is_written else []
         show(make_console(), *[""] * (number > 0))
         print_posterior(fitted, quantities, written)
     options.raise_refused(refused)

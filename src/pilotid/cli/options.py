@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import is_dataclass, replace
+from dataclasses import is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -15,10 +15,8 @@ import typer
 from pilotid.estimate.method import Method
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import AUTO, model_named, with_held
-from pilotid.model.element import element_named
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import read_with
-from pilotid.recording.recording import Recording
 from pilotid.support import disk
 from pilotid.support.disk import strict_json, write_file
 from pilotid.support.naming import split_list
@@ -45,9 +43,8 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "model": ("NAME|auto", "Pilot model: single, multi, file.py:NAME; auto takes the best."),
     "method": ("NAME", "Method: 'arx(memory=none)', file.py:CLASS; repeat, use commas, or all."),
     "compare method": ("[LABEL=]NAME", "Method, as for fit; LABEL=NAME gives it a label."),
-    "scenario": ("NAME", "'nominal(runs=3)', file.py:NAME; repeat, use commas, or say all."),
-    "simulate scenario": ("SCENARIO", "See `pilotid list`."),
-    "export scenario": ("SCENARIO", "See `pilotid list`; several with commas."),
+    "scenario": ("SCENARIO", "See `pilotid list`; 'nominal(runs=3)', file.py:NAME."),
+    "compare scenario": ("NAME", "The same; repeat, use commas, or say all."),
     "design scenario": ("[SCENARIO]", "Pilot, loop, remnant and reference forcing; else nominal."),
     "like": ("FILE", "The scenario of a recording as mle fits it, or of a trust.json."),
     "fix": ("fnm=12,dnm=.1..0.5", "Parameters held at a value, or searched between others."),
@@ -56,8 +53,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "workers": ("", "Processes; default: one for each processor."),
     "out": ("DIR", "Results folder; what is done there is kept."),
     "simulate out": ("F.csv", "Recording to write, .csv, .mat or .npz."),
-    "force": ("", "Write over files that are there already."),
-    "ignore": ("CODE", "Code of a warning that is left out; repeat, or use commas."),
     "json": ("F.json|-", "Write the results as JSON; - prints."),
     "report": ("F.html", "Write a report with figures."),
     "simulate runs": ("", "Runs, each with its own remnant."),
@@ -165,24 +160,15 @@ def numbers_in(option: str, text: str) -> dict[str, float]:
         raise InputError(f"{option} {text}: is not SIGNAL=NUMBER,..., as in e=1.5,u=2") from None
 
 
-def models_of(text: str, fix: str | None) -> list[PilotModel]:
-    """The models that an option names, with parameters held and initial guesses; none for auto."""
-    names = [] if text == AUTO else split_list(text) or [text]
-    models = [model_named(name) for name in dict.fromkeys(names)]
-    return with_held(models, fix) if models else []
+def model_of(text: str, fix: str | None) -> PilotModel | None:
+    """The model that an option names, with parameters held and initial guesses; None for auto."""
+    return None if text == AUTO else with_held([model_named(text)], fix)[0]
 
 
-def closed_by(recording: Recording, element: str | None) -> Recording:
-    """The recording, naming the controlled element that an option gives, if it does."""
-    if not element:
-        return recording
-    return replace(recording, controlled_element=element_named(element).name)
-
-
-def require_free(inputs: Sequence[Path], *targets: str | Path | None, force: bool) -> None:
+def require_free(inputs: Sequence[Path], *targets: str | Path | None) -> None:
     """Refuse, before any work is done, files to write that must stay as they are."""
     named = [Path(t) for t in targets if t is not None and t != "-"]
-    disk.require_free(named, read_with(inputs), force=force)
+    disk.require_free(named, read_with(inputs))
 
 
 def raise_refused(refused: Sequence[str]) -> None:

@@ -16,13 +16,13 @@ from pilotid.methods import METHODS
 from pilotid.model.catalogue import AUTO, model_named
 from pilotid.recording.files import Reading, load_recording, read_with
 from pilotid.support import disk
-from pilotid.support.format import Line, make_console, show, table, with_bar
+from pilotid.support.format import Line, Table, make_console, show, table, with_bar
 from pilotid.support.naming import split_list
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
-    from pilotid.study.table import Store
+    from pilotid.study.table import Comparison
 
 Format = Literal["csv", "mat", "npz"]
 Profile = Literal["quick", "full", "paper"]
@@ -49,7 +49,6 @@ def compare(
     retry_failed: bool = False,
     people: str | None = None,
     imported: Path | None = None,
-    force: bool = False,
     out: Path = Path("results/compare"),
 ) -> None:
     """Compare methods on simulated recordings whose truth is known."""
@@ -67,7 +66,7 @@ def compare(
             out=out,
             model=[known["model"]],
             method=method or [*METHODS_FOR_PEOPLE],
-            how=Analysis(known["pattern"], left_out=True, seed=seed, workers=workers, force=force),
+            how=Analysis(known["pattern"], left_out=True, seed=seed, workers=workers),
             reading=Reading(mapping, float(known["dt"]) if known["dt"] else None),
         )
         return
@@ -79,7 +78,7 @@ def compare(
     tried = options.names_of(method, usual, list(METHODS))
     study = Study([*like_it, *names], tried, replications or count, seed)
     read = read_with([path for path in (imported, like) if path])
-    disk.require_folder(out, TABLES, read, force=force)
+    disk.require_folder(out, TABLES, read)
     theirs = [] if imported is None else read_estimates(imported, study)
     with Store(out, create=True) as store:
         pending, size = study.enter(store, retry=retry_failed), len(study.keys)
@@ -89,7 +88,7 @@ def compare(
         results = study.run(store, pending, workers, scheduler, time_limit or None)
         for _ in with_bar(results, "fits", len(pending)):
             pass
-        _finish(out, store)
+        _finish(out, store.comparison())
         if profile == "paper" and not (scenario or method):
             from pilotid.report.paper import write_paper
             from pilotid.study.paper import fit_trials
@@ -105,14 +104,13 @@ def export(
     kind: Format = "csv",
     seed: int = DEFAULT_SEED,
     out: Path,
-    force: bool = False,
 ) -> None:
     """Write a study's recordings as files for other languages, and their truth apart."""
     from pilotid.study.exchange import MANIFEST
     from pilotid.study.exchange import export as exported
 
     names = split_list(scenario)
-    count = exported(names, replications, seed, out, kind, force=force)
+    count = exported(names, replications, seed, out, kind)
     words = f"{out / MANIFEST}: {count} recordings; the truth is in {out / 'truth'}"
     fits = f"fits of yours: pilotid compare --estimates {out / 'mine.csv'} --seed {seed}"
     show(make_console(), words, fits)
@@ -123,17 +121,17 @@ def report(folder: Path) -> None:
     from pilotid.study.table import Store
 
     with Store(folder) as store:
-        _finish(folder, store)
+        _finish(folder, store.comparison())
 
 
-def _finish(folder: Path, store: Store) -> None:
+def _finish(folder: Path, study: Comparison, *more: str | Table) -> None:
+    """Write the tables and the report of a comparison, and show what it and more say."""
     from pilotid.report.study import overview, write_report
 
-    study = store.comparison()
     study.write(folder)
     path = write_report(folder, study)
     words, losses, rankings = overview(study)
-    show(make_console(), *losses, *rankings, *words, f"report: {path}")
+    show(make_console(), *losses, *rankings, *words, *more, f"report: {path}")
 
 
 def compare_studies(first: Path, second: Path) -> None:
@@ -175,32 +173,25 @@ def trust(
     method: list[str] | None = None,
     replications: int = 40,
     reading: Reading,
-    element: str | None = None,
     seed: int = DEFAULT_SEED,
     workers: int | None = None,
-    force: bool = False,
 ) -> None:
     """Compare methods on simulations of a recording, and correct the intervals of its fit.
 
     The first method that is named is the one whose fit is judged, else mle.
     """
     from pilotid.likelihood.choice import select
-    from pilotid.report.study import overview, write_report
     from pilotid.report.study_tables import advice, trust_table
     from pilotid.study.trust import TRUST, UNKNOWN, try_fit
 
-    disk.require_folder(out, TABLES, read_with(files), force=force)
-    (recording,), _ = reading.all(files, joint=len(files) > 1)
-    recording = options.closed_by(recording, element)
+    disk.require_folder(out, TABLES, read_with(files))
+    (recording,) = reading.all(files, joint=True)[0].values()
     chosen = select(recording, seed=seed).model if model == AUTO else model_named(model)
     tried = options.names_of(method, [], list(METHODS))
     trusted = try_fit(recording, chosen, tried, out, replications, seed, workers)
-    page = write_report(out, trusted.comparison)
     content = trusted.to_dict()
-    words, losses, rankings = overview(trusted.comparison)
-    written = f"scenario and numbers: {out / TRUST}, report: {page}"
-    shown = [*losses, *rankings, trust_table(content)]
-    show(make_console(), *shown, *words, *advice(content), UNKNOWN, written)
+    said = [*advice(content), UNKNOWN, f"scenario and numbers: {out / TRUST}"]
+    _finish(out, trusted.comparison, trust_table(content), *said)
 
 
 def fetch_data(name: str | None = None) -> None:
@@ -230,10 +221,8 @@ class Analysis:
     factors: str | None = None
     element: str | None = None
     fix: str | None = None
-    ignore: Sequence[str] = ()
     seed: int = DEFAULT_SEED
     workers: int | None = None
-    force: bool = False
 
 
 def analyse(
@@ -266,7 +255,6 @@ def design(
     minimise: str = "A",
     limit: str = "e=1,u=1",
     estimates: Path | None = None,
-    force: bool = False,
 ) -> None:
     """Design forcing functions for small errors, within limits on error and control."""
     from pilotid.datasets.design import design as designed
@@ -274,14 +262,13 @@ def design(
     from pilotid.report.design import error_table, sentences, write_report
 
     read = [Path(path) for path in (scenario, estimates) if path is not None]
-    disk.require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)
+    disk.require_folder(out, ("design.json", "forcing.csv", "report.html"), read)
     chosen = datasets.scenario_named(scenario or "nominal")
     if not isinstance(chosen, datasets.Scenario) or chosen.violation is not None:
         raise InputError(f"{chosen.name}: a design is for one sound loop; name a scenario")
     if estimates is not None:
         chosen = scenario_of_fit(estimates, chosen if scenario else None)
-    with make_console(errors=True).status("designing"):
-        made = designed(chosen, minimise, options.numbers_in("--limit", limit))
+    made = designed(chosen, minimise, options.numbers_in("--limit", limit))
     command = shlex.join(options.TYPED)
     write_files(out, made, {"pilotid": metadata.version("pilotid"), "command": command})
     page = write_report(out, made, command)

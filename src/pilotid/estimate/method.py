@@ -27,7 +27,7 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import forcing_sines
 from pilotid.support.numbers import fit_rng, require_settings
-from pilotid.support.remarks import Remark, gravest_first, remark_of, remarks_json, without
+from pilotid.support.remarks import Remark, gravest_first, remark_of, remarks_json
 from pilotid.support.types import InputError, one_line, reason
 
 #: The environment variable that asks for tracebacks of methods that raise.
@@ -198,8 +198,6 @@ class Fitted:
         Why the model was chosen, in sentences; empty where it was named.
     compared
         Plain objects on the models that were compared.
-    ignored
-        Codes of remarks that the user does not want to see.
     """
 
     recording: Recording
@@ -209,13 +207,6 @@ class Fitted:
     remarks: tuple[str, ...] = ()
     choice: str = ""
     compared: tuple[Mapping[str, object], ...] = ()
-    ignored: frozenset[str] = frozenset()
-
-    def without(self, codes: frozenset[str]) -> Fitted:
-        """The same without remarks of these codes."""
-        estimates = tuple(replace(e, remarks=without(e.remarks, codes)) for e in self.estimates)
-        remarks = without(self.remarks, codes)
-        return replace(self, estimates=estimates, remarks=remarks, ignored=codes)
 
     @cached_property
     def loops(self) -> tuple[Loops, ...]:
@@ -223,8 +214,7 @@ class Fitted:
         element = self.loop_element.element
         if element is None:
             return ()
-        every = (e.loops(element).excited_by(self.recording) for e in self.estimates)
-        return tuple(replace(loop, remarks=without(loop.remarks, self.ignored)) for loop in every)
+        return tuple(e.loops(element).excited_by(self.recording) for e in self.estimates)
 
     @property
     def heading(self) -> str:
@@ -239,7 +229,6 @@ class Fitted:
                 "forcing": forcing_sines(self.recording),
                 **remarks_json(self.remarks),
             },
-            **({"ignored": sorted(self.ignored)} if self.ignored else {}),
             "model": self.model.name,
             **({"choice": self.choice, "models": list(self.compared)} if self.choice else {}),
             "estimates": [

@@ -21,7 +21,6 @@ from pilotid.recording.files import Reading, read_with
 from pilotid.support.disk import frame_bytes, require_folder, write_file
 from pilotid.support.format import as_text
 from pilotid.support.numbers import DEFAULT_SEED
-from pilotid.support.remarks import codes_in
 from pilotid.support.types import InputError, several
 
 TABLES = ("estimates", "models", "loops", "contrasts", "factors", "left_out")
@@ -100,10 +99,8 @@ def analyse(
     element: ControlledElement | str | None = None,
     fix: str | None = None,
     reading: Reading | None = None,
-    ignore: Sequence[str] = (),
     seed: int = DEFAULT_SEED,
     workers: int | None = None,
-    force: bool = False,
 ) -> Experiment:
     """Analyse recordings of subjects under conditions, as ``pilotid analyse`` does.
 
@@ -139,14 +136,10 @@ def analyse(
         Parameters that are held or bounded, such as ``fnm=12,dnm=.1..0.5``.
     reading
         How files are read, a `pilotid.recording.files.Reading`.
-    ignore
-        Codes of warnings that tables and page leave out, and that exclude no estimate.
     seed
         Seed of all random numbers.
     workers
         Processes; None for one for each processor.
-    force
-        Whether files of the folder may be written over that this program did not write.
 
     Returns
     -------
@@ -184,10 +177,9 @@ def analyse(
         pairs=pairs_of(several(contrasts), {part.condition for part in parts}),
         factors=levels,
         keep_all=keep_all,
-        ignored=codes_in(several(ignore)),
     )
     read = [file for part in parts for file in part.files]
     names = (*(f"{name}.csv" for name in TABLES), "tables.tex", "report.html")
-    require_folder(folder, names, read_with(read), force=force)
+    require_folder(folder, names, read_with(read))
     results = fit_recordings(parts, settings, folder, workers, refused)
     return Experiment(**vars(results), folder=folder)

@@ -117,7 +117,7 @@ class Part:
         InputError
             If a file cannot be used.
         """
-        (whole,), _ = reading.all(self.files, joint=True)
+        (whole,) = reading.all(self.files, joint=True)[0].values()
         return whole
 
     def digest(self) -> str:

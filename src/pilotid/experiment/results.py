@@ -85,8 +85,6 @@ class Settings:
         Level of each factor (columns) by condition; empty for no factors.
     keep_all
         Whether estimates that are not determined, or wrong, count as well.
-    ignored
-        Codes of remarks that the user does not want to see.
     """
 
     fitting: Fitting
@@ -95,7 +93,6 @@ class Settings:
     pairs: Sequence[tuple[str, str]] = ()
     factors: DataFrame = field(default_factory=DataFrame)
     keep_all: bool = False
-    ignored: frozenset[str] = frozenset()
 
     def tests(self, conditions: Collection[str]) -> list[tuple[str, Group]]:
         """The tests of some conditions, and which conditions each compares."""
@@ -198,7 +195,7 @@ class Results:
             {"stratum": " ".join(part.stratum), "condition": part.condition, **row}
             for part, seen in self.looks.items()
             if settings.keep_all
-            or "wrong" not in {remark.grade for remark in _kept(settings, seen["remarks"])}
+            or "wrong" not in {remark.grade for remark in _remarks(seen["remarks"])}
             for row in first.get(part, {}).get("responses", ())
         ]
         return DataFrame(rows, columns=RESPONSES)
@@ -271,19 +268,18 @@ def choices_of(
 
 def _judged(settings: Settings, of_recording: Iterable[Sequence[str]], row: Content) -> Content:
     """What is said of a value and its recording, and why it does not count; empty if it does."""
-    said = _kept(settings, [*of_recording, *row["of_fit"]])
-    of_loops = _kept(settings, row["of_loops"])
+    said = _remarks([*of_recording, *row["of_fit"]])
+    of_loops = _remarks(row["of_loops"])
     unusable = [] if row["usable"] else [row["outcome"]]
     wrong = [remark.code for remark in [*said, *of_loops] if remark.grade == "wrong"]
     doubted = [] if settings.keep_all else [*wrong, row["left_out"]]
     no_value = [] if math.isfinite(row["value"]) else ["no value"]
     why = next(filter(None, [*unusable, *doubted, *no_value]), "")
-    about = of_loops if row["kind"] == "loop" else _kept(settings, row["of_fit"])
+    about = of_loops if row["kind"] == "loop" else _remarks(row["of_fit"])
     words = [f"not counted: {why}"] if why else []
     return {"left_out": why, "said": said, "remarks": " | ".join([*words, *about])}
 
 
-def _kept(settings: Settings, remarks: Iterable[Sequence[str]]) -> list[Remark]:
-    """Remarks from what `Content` has of them, each once, but those that the user ignores."""
-    kept = (Remark(*remark) for remark in remarks if remark[0] not in settings.ignored)  # type: ignore[arg-type]
-    return [*dict.fromkeys(kept)]
+def _remarks(found: Iterable[Sequence[str]]) -> list[Remark]:
+    """Remarks from what `Content` has of them, each once."""
+    return [*dict.fromkeys(Remark(*remark) for remark in found)]  # type: ignore[arg-type]

@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.checks.checks import motionless
+from pilotid.checks.element_fit import GivenElement, chosen_element
 from pilotid.estimate.estimate import at_bounds, bounds_reached
 from pilotid.estimate.warnings import lines_objection, made_for, motionless_input
 from pilotid.likelihood.estimates import simulated_vaf
@@ -543,6 +544,7 @@ def select(
     models: Sequence[PilotModel] = (),
     seed: int = DEFAULT_SEED,
     fixed: str | None = None,
+    element: GivenElement = None,
 ) -> Selection:
     """Choose a model for one recording.
 
@@ -557,7 +559,11 @@ def select(
     fixed
         Parameters of the catalogue's models that are held or bounded, see
         `pilotid.model.catalogue.with_held`.
+    element
+        The controlled element; None for the one that the recording names or shows.
     """
+    if element:
+        recording = chosen_element(recording, element).named_in(recording)
     among = {m.name: m for m in models or with_held(default_candidates(recording), fixed)}
     if all(motionless_input(recording, model) for model in among.values()):
         first = next(iter(among.values()))

@@ -8,22 +8,13 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from pilotid.recording.arrays import NOTES, read_arrays
-from pilotid.recording.recording import LEAD_IN, Recording, joined
-from pilotid.recording.roles import places_of, recording_of, shown
-from pilotid.recording.table import read_table
-from pilotid.recording.windows import (
-    chosen_runs,
-    file_and_part,
-    file_of,
-    sidecar_path,
-    span_of,
-    whole_periods,
-)
+from pilotid.recording import windows
+from pilotid.recording.contents import read_arrays, read_table, shown
+from pilotid.recording.recording import LEAD_IN, Recording, factor_of, joined, require_extra_name
+from pilotid.recording.roles import NAMES, Content, recording_of
 from pilotid.support.disk import path_shown, require_file, table_bytes, write_file
 from pilotid.support.types import InputError
 
@@ -32,31 +23,9 @@ READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz")
 WRITTEN = (".csv", ".mat", ".npz")
 
 
-def parse_mapping(text: str) -> dict[str, str]:
-    """The mapping in a text such as ``u=-stick,e=err``.
-
-    Parameters
-    ----------
-    text
-        Pairs of our signal name and the file's name for it; a minus before
-        the file's name flips the sign.
-
-    Raises
-    ------
-    InputError
-        For anything but such pairs, an unknown signal, or one given twice.
-    """
-    pairs = [pair.partition("=") for pair in text.split(",")]
-    mapping = {signal.strip(): name.strip() for signal, _, name in pairs}
-    if len(mapping) < len(pairs):
-        raise InputError(f"the mapping {shown(text)} names a signal twice; name each once")
-    places_of(mapping, ())
-    return mapping
-
-
 def load_recording(
     path: str | os.PathLike[str],
-    mapping: Mapping[str, str] | None = None,
+    mapping: Mapping[str, str] | str | None = None,
     dt: float | None = None,
     *,
     periods: bool = True,
@@ -70,7 +39,8 @@ def load_recording(
         ``F.mat::identification``, and runs by the value of a variable, as in ``F.mat::sigma=17``.
     mapping
         The file's names for our signals t, e, u, x, ft, fd where they differ,
-        with a leading minus to flip the sign; by other names, extra signals.
+        with a leading minus to flip the sign; by other names, extra signals.  A mapping, or a
+        text such as ``u=-stick,e=err``.
     dt
         Sampling interval [s], for a file without times.
     periods
@@ -82,19 +52,41 @@ def load_recording(
     InputError
         If the file cannot be used; the message says where it goes wrong.
     """
+    from pilotid.recording.sidecar import Sidecar, read_sidecar
+
     source = path_shown(path)
-    file, part = file_and_part(path)
+    file, part = windows.file_and_part(path)
     require_file(file)
+    places = _places_of(mapping or {})
+    notes = read_sidecar(file)
     read = read_table if _suffix(file, source, READ) in TEXTS else read_arrays
-    try:
-        with np.errstate(all="ignore"):  # files may hold anything
-            content = read(file, source, part)
-            recording = recording_of(content, mapping, dt)
-    except OSError as error:
+    variables = read(file, source)
+    if notes == Sidecar() and any(variable.name.startswith("pilotid.") for variable in variables):
         raise InputError(
-            f"{error.filename or source}: cannot be read ({error.strerror}); check its rights"
-        ) from error
-    return whole_periods(recording) if periods and content.notes.run_in is None else recording
+            f"{source}: has notes in a struct pilotid; write them into a sidecar .json"
+        )
+    with np.errstate(all="ignore"):  # files may hold anything
+        recording = recording_of(Content(source, part, notes, variables), places, dt)
+    cut = periods and notes.run_in is None
+    return windows.whole_periods(recording) if cut else recording
+
+
+def _places_of(mapping: Mapping[str, str] | str) -> dict[str, tuple[float, str]]:
+    """A factor and a name in the file by signal; what is not one of `NAMES` is an extra signal."""
+    pairs = mapping.split(",") if isinstance(mapping, str) else map("=".join, mapping.items())
+    places: dict[str, tuple[float, str]] = {}
+    for pair in pairs:
+        signal, _, choice = (text.strip() for text in pair.partition("="))
+        if signal not in NAMES:
+            require_extra_name(signal)
+        factor, name = factor_of(choice)
+        if signal in places or not (name and np.isfinite(factor) and factor):
+            raise InputError(
+                f"the mapping {shown(pair)} names nothing, or {signal} a second time; write each "
+                "once, SIGNAL=NAME or SIGNAL=-3.5*NAME"
+            )
+        places[signal] = factor, name
+    return places
 
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -105,8 +97,8 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     recording
         What to write.
     path
-        The file, .csv or .npz (a sidecar .json is written beside it), or .mat.  Each is
-        complete or not there: it is written under another name and then renamed.
+        The file, .csv, .mat or .npz; a sidecar .json is written beside it.  Each is complete or
+        not there: it is written under another name and then renamed.
 
     Raises
     ------
@@ -120,29 +112,24 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     suffix = _suffix(file, source, WRITTEN)
     known = {**recording.to_dict(), "extra": [*recording.extra]}
     facts = json.dumps({name: known[name] for name in Sidecar.model_fields})
-    notes = parsed(facts, source).model_dump(exclude_defaults=True)
-    columns: dict[str, Any] = {}
-    for name in recording.signals:
-        runs = recording.input(name)
-        same = name not in ("e", "u", "x") and len({run.tobytes() for run in runs}) == 1
-        columns[name] = (runs[:1] if same else runs).T
+    notes = parsed(facts, source)
+    columns = {name: recording.input(name).T for name in recording.signals}
     stream = io.BytesIO()
     if suffix == ".mat":
         from scipy.io import savemat  # heavy, and the others do not need it
 
-        savemat(stream, {"t": recording.time[:, np.newaxis], NOTES: notes, **columns})  # type: ignore[arg-type]
+        savemat(stream, {"t": recording.time[:, np.newaxis], **columns})  # type: ignore[arg-type]
     elif suffix == ".npz":
-        np.savez_compressed(stream, t=recording.time, **columns)
+        np.savez_compressed(stream, t=recording.time, **columns)  # type: ignore[arg-type]
     else:
         cells = {"t": [f"{t:.12g}" for t in recording.time.tolist()]}
-        for name, runs in columns.items():
-            for run, samples in enumerate(runs.T.tolist(), start=1):
-                cells[f"{name}_{run}" if runs.shape[1] > 1 else name] = samples
+        for name, samples in columns.items():
+            for run, column in enumerate(samples.T.tolist(), start=1):
+                cells[f"{name}_{run}" if recording.runs > 1 else name] = column
         stream.write(table_bytes([*cells], zip(*cells.values(), strict=True)))
     write_file(file, stream.getvalue())
-    if suffix != ".mat":
-        text = json.dumps(notes, indent=2, ensure_ascii=False)
-        write_file(sidecar_path(file), f"{text}\n".encode())
+    text = notes.model_dump_json(indent=2, exclude_defaults=True)
+    write_file(windows.sidecar_path(file), f"{text}\n".encode())
 
 
 def _suffix(file: Path, source: str, known: Collection[str]) -> str:
@@ -154,8 +141,8 @@ def _suffix(file: Path, source: str, known: Collection[str]) -> str:
 
 def read_with(files: Sequence[Path]) -> list[Path]:
     """Recordings, and the files beside them that belong to them."""
-    real = [file for file in map(file_of, files) if file.name]
-    return [f for r in real for f in (r, sidecar_path(r), r.with_suffix(".truth.json"))]
+    real = [file for file in map(windows.file_of, files) if file.name]
+    return [f for r in real for f in (r, windows.sidecar_path(r), r.with_suffix(".truth.json"))]
 
 
 @dataclass(frozen=True)
@@ -185,15 +172,14 @@ class Reading:
 
     def one(self, file: Path) -> Recording:
         """The recording in a file."""
-        names = parse_mapping(",".join(self.mapping)) if self.mapping else None
-        recording = load_recording(file, names, self.dt, periods=not self.span)
+        recording = load_recording(file, ",".join(self.mapping), self.dt, periods=not self.span)
         recording = replace(recording, lead_in=self.lead_in)
         if self.span:
-            recording = recording.cut(*span_of(self.span))
+            recording = recording.cut(*windows.span_of(self.span))
         recording = detrended(recording) if self.detrend else recording
-        return chosen_runs(recording, self.runs) if self.runs else recording
+        return windows.chosen_runs(recording, self.runs) if self.runs else recording
 
-    def all(self, files: Sequence[Path], *, joint: bool) -> tuple[list[Recording], list[str]]:
+    def all(self, files: Sequence[Path], *, joint: bool) -> tuple[dict[Path, Recording], list[str]]:
         """The recordings in files, as one if they are runs of one, and why others are refused.
 
         One bad file of several does not cost the others; where none is good, or all are runs of
@@ -201,11 +187,11 @@ class Reading:
         """
         if joint and len(files) > 1:
             whole = joined(replace(self, runs="").one(file) for file in files)
-            return [chosen_runs(whole, self.runs) if self.runs else whole], []
-        recordings, refused = list[Recording](), list[str]()
+            return {files[0]: windows.chosen_runs(whole, self.runs) if self.runs else whole}, []
+        recordings, refused = dict[Path, Recording](), list[str]()
         for file in files:
             try:
-                recordings.append(self.one(file))
+                recordings[file] = self.one(file)
             except InputError as error:
                 refused.append(str(error))
         if not recordings:

@@ -1,4 +1,4 @@
-"""What a file says of its recording beside the signals: F.json, the struct pilotid."""
+"""What is said of a recording beside its file, in F.json."""
 
 from __future__ import annotations
 
@@ -6,22 +6,16 @@ import codecs
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from pilotid.recording.recording import SIGNALS
 from pilotid.recording.windows import sidecar_path
-from pilotid.support.disk import path_shown
+from pilotid.support.disk import path_shown, require_file
 from pilotid.support.types import InputError
 
-#: MATLAB has no whole numbers of its own, and no lists of one.
-Count = Annotated[
-    int,
-    BeforeValidator(lambda n: int(n) if isinstance(n, float) and n.is_integer() else n),
-    Field(ge=1, lt=10**15),
-]
+Count = Annotated[int, Field(ge=1, lt=10**15)]
 #: What can label an axis: printable, no dollar sign.
 LABEL = r"^[^$\p{C}\p{Zl}\p{Zp}]*$"
-Listed = BeforeValidator(lambda value: value if isinstance(value, list) else [value])
 
 
 class Sidecar(BaseModel):
@@ -42,8 +36,8 @@ class Sidecar(BaseModel):
     run_in: Annotated[float, Field(ge=0, lt=1e9)] | None = None
     dt: Annotated[float, Field(ge=1e-6, le=100)] | None = None
     units: dict[str, Annotated[str, Field(max_length=40, pattern=LABEL)]] = {}
-    lines: dict[Literal["ft", "fd"], Annotated[list[Count], Listed]] = {}
-    extra: Annotated[list[str], Listed] = []
+    lines: dict[Literal["ft", "fd"], list[Count]] = {}
+    extra: list[str] = []
     controlled_element: Annotated[str, Field(max_length=200, pattern=LABEL)] = ""
 
     @model_validator(mode="after")
@@ -89,5 +83,7 @@ def read_sidecar(file: Path) -> Sidecar:
         If the sidecar cannot be used.
     """
     path = sidecar_path(file)
-    raw = path.read_bytes() if path.is_file() else b"{}"
-    return parsed(raw.removeprefix(codecs.BOM_UTF8), path_shown(path))
+    if not path.is_file():
+        return Sidecar()
+    require_file(path)
+    return parsed(path.read_bytes().removeprefix(codecs.BOM_UTF8), path_shown(path))

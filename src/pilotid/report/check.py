@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,7 @@ from pilotid.checks.plant import plant_of
 from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.recording.spectra import NotMultisineError, answers, lines_of
 from pilotid.support.format import Line, Table, as_text, table
-from pilotid.support.remarks import GRADES, Remark, gravest_first, remarks_json, without
+from pilotid.support.remarks import GRADES, Remark, gravest_first, remark_of, remarks_json
 
 LACKING = {
     "e": "no model can be fitted",
@@ -169,7 +169,6 @@ def _forcing_facts(recording: Recording, name: str) -> dict[str, Any]:
 def check_all(
     recordings: Sequence[Recording],
     element: GivenElement = None,
-    ignored: Collection[str] = (),
 ) -> list[Checked]:
     """Check recordings, also for copies of one another.
 
@@ -179,8 +178,6 @@ def check_all(
         The recordings.
     element
         The controlled element, or its text, to compare with what is seen.
-    ignored
-        Codes of remarks that are left out.
     """
     choices = [chosen_element(recording, element) for recording in recordings]
     copies = copies_among([r.source for r in recordings], [fingerprints(r) for r in recordings])
@@ -188,7 +185,7 @@ def check_all(
         Checked(
             recording,
             choice,
-            without((*copies.get(n, ()), *remarks(recording), *choice.remarks), ignored),
+            tuple(map(remark_of, (*copies.get(n, ()), *remarks(recording), *choice.remarks))),
         )
         for n, (recording, choice) in enumerate(zip(recordings, choices, strict=True))
     ]

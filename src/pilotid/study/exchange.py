@@ -71,8 +71,6 @@ def export(
     seed: int,
     folder: Path,
     kind: str,
-    *,
-    force: bool = False,
 ) -> int:
     """Write the recordings of a study, their manifest and their truth; returns how many there are.
 
@@ -88,10 +86,8 @@ def export(
         As for `pilotid.study.study.Study`.
     folder, kind
         Where to, and the format of the recordings: csv, mat or npz.
-    force
-        Whether an export that is there is written over.
     """
-    require_folder(folder, [MANIFEST], force=force)
+    require_folder(folder, [MANIFEST])
     make_folder(folder / RECORDINGS)
     make_folder(folder / TRUTH)
     entries = []

@@ -27,7 +27,7 @@ def path_shown(path: str | os.PathLike[str]) -> str:
 
 
 def require_file(path: Path) -> None:
-    """Refuse what cannot be read before it is opened: pipes and devices may wait for ever.
+    """Refuse what cannot be read; pipes and devices, which may wait for ever, without opening them.
 
     Raises
     ------
@@ -37,6 +37,8 @@ def require_file(path: Path) -> None:
     source = path_shown(path)
     try:
         why = "" if stat.S_ISREG(path.stat().st_mode) else "it is a folder or a device, say"
+        if not why:
+            path.open("rb").close()
     except (OSError, ValueError) as error:
         why = str(getattr(error, "strerror", None) or error)
     if why:
@@ -151,16 +153,12 @@ def require_free(
         if target.is_dir() or not (target.exists() or os.access(target.parent, os.W_OK | os.X_OK)):
             raise InputError(f"{target}: cannot be written; name a file in a folder that is there")
         if not force and target.suffix not in unasked and target.is_file():
-            raise InputError(
-                f"{target}: is there already; name another place, or write over it with --force"
-            )
+            raise InputError(f"{target}: is there already; name another place, or remove it")
 
 
-def require_folder(
-    folder: Path, names: Sequence[str], inputs: Iterable[Path] = (), *, force: bool = False
-) -> None:
+def require_folder(folder: Path, names: Sequence[str], inputs: Iterable[Path] = ()) -> None:
     """The same for files of these names in a folder, which is made."""
     ours = any((folder / name).exists() for name in STORES)
     make_folder(folder)
     targets = [folder / name for name in names]
-    require_free(targets, inputs, force=force or ours, unasked=())
+    require_free(targets, inputs, force=ours, unasked=())

@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
@@ -206,33 +206,29 @@ def _set_up() -> None:
 @contextmanager
 def _cluster(scheduler: str) -> Iterator[Workers]:
     """The workers of a Dask scheduler."""
-    place, digest = f"--scheduler {scheduler}", own_digest()
+    digest = own_digest()
     logging.disable()  # what is wrong is said in a sentence; Dask would tell it in a hundred
     try:
         from distributed import Client, KilledWorker
 
         client: Any = Client(scheduler, timeout=10.0, set_as_default=False)
-    except (ImportError, OSError, ValueError) as error:
-        raise InputError(
-            f"{place}: no Dask scheduler answers ({error}); start one, and install "
-            "pilotid[distributed]"
-        ) from error
-    if not client.ncores():
-        sys.stderr.write(f"pilotid: {place} has no workers; waiting for some\n")
-    # Not as a context: on leaving that would wait for fits that nobody does.
-    executor = client.get_executor(retries=0, pure=False)
-    try:
-        # So many tasks keep all workers busy.
-        submit = partial(executor.submit, _same_code, digest)
-        yield Workers(1000, submit, {KilledWorker: (Loss.DIED, "again and again")})
+        if not client.ncores():
+            sys.stderr.write(f"pilotid: {scheduler} has no workers; waiting for some\n")
+        # Not as a context: on leaving that would wait for fits that nobody does.
+        executor = client.get_executor(retries=0, pure=False)
+        try:
+            # So many tasks keep all workers busy.
+            submit = partial(executor.submit, _same_code, digest)
+            yield Workers(1000, submit, {KilledWorker: (Loss.DIED, "again and again")})
+        finally:
+            with suppress(Exception):  # there may be nobody to take leave of
+                client.close(timeout=2.0)
     except Exception as error:
-        why = f"a worker cannot do a fit ({reason(error)}); install the same pilotid there"
-        if isinstance(error, CancelledError):  # that is how a lost connection ends them
-            why = "the scheduler ended or cannot be reached any more; what is done is kept"
-        raise InputError(f"{place}: {why}, and run the same command again") from error
+        raise InputError(
+            f"--scheduler {scheduler}: {reason(error)}; start a Dask scheduler, and workers with "
+            "this pilotid[distributed], and run the same command again: what is done is kept"
+        ) from error
     finally:
-        with suppress(Exception):  # there may be nobody to take leave of
-            client.close(timeout=2.0)
         logging.disable(logging.NOTSET)
 
 

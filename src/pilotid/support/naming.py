@@ -14,7 +14,6 @@ import copyreg
 import dataclasses
 import hashlib
 import importlib
-import inspect
 import io
 import math
 import os
@@ -357,20 +356,16 @@ def _pickled(thing: object) -> tuple[bytes, set[Any]]:
 def code_digest(thing: object) -> str:
     """A short digest of the files that an object's classes are from, empty if all are ours.
 
+    What a file imports from its own folder counts as well.
+
     Raises
     ------
     InputError
-        If it is of a class that was typed in where nobody can read it again.
+        If it is of a class that is in no file.
     """
-    sources: dict[Path, bytes] = {}
-    todo: list[Path] = []
-    for kind in _pickled(thing)[1]:
-        module = sys.modules.get(kind.__module__)
-        if module is not None and kind.__module__.partition(".")[0] not in KNOWN:
-            if (file := Path(getattr(module, "__file__", None) or "")).is_file():
-                todo.append(file)
-            else:
-                sources[Path(kind.__qualname__)] = _typed_in(kind)
+    sources = dict[Path, bytes]()
+    kinds = _pickled(thing)[1]
+    todo = [_file_of(kind) for kind in kinds if kind.__module__.partition(".")[0] not in KNOWN]
     while todo:
         file = todo.pop()
         if file not in sources:
@@ -379,14 +374,12 @@ def code_digest(thing: object) -> str:
     return digest_of(source for _, source in sorted(sources.items())) if sources else ""
 
 
-def _typed_in(kind: type | FunctionType) -> bytes:
-    """The functions of a class as a notebook keeps them."""
-    functions = [f for f in (kind, *vars(kind).values()) if isinstance(f, FunctionType)]
-    written = [f for f in functions if f.__code__.co_filename != "<string>"]
-    try:
-        return "".join(map(inspect.getsource, written)).encode()
-    except OSError:
-        raise InputError(f"{kind.__qualname__}: was typed in; write it to a file") from None
+def _file_of(kind: type | FunctionType) -> Path:
+    """The file that a class or function is from."""
+    file = Path(getattr(sys.modules.get(kind.__module__), "__file__", None) or "")
+    if not file.is_file():
+        raise InputError(f"{kind.__qualname__}: was typed in; write it to a file")
+    return file
 
 
 def _imported_beside(file: Path) -> list[Path]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from typing import Literal, Self
 
-from pilotid.support.types import InputError, one_line
+from pilotid.support.types import one_line
 
 Grade = Literal["wrong", "doubt", "note"]
 GRADES: tuple[Grade, ...] = ("wrong", "doubt", "note")
@@ -87,20 +87,6 @@ def remarks_json(remarks: Iterable[str]) -> dict[str, list[str]]:
 def codes_of(remarks: Iterable[str]) -> list[str]:
     """The codes of remarks, of plain sentences as well."""
     return [getattr(remark, "code", OTHER) for remark in remarks]
-
-
-def codes_in(texts: Iterable[str]) -> frozenset[str]:
-    """The codes in texts such as ``drift,offset``; one that is none is refused."""
-    codes = [code.strip() for text in texts for code in text.split(",")]
-    for code in codes:
-        if code not in CODES:
-            raise InputError(f"--ignore: '{code}' is no code of a warning: {', '.join(CODES)}")
-    return frozenset(codes)
-
-
-def without(remarks: Iterable[str], ignored: Collection[str]) -> tuple[Remark, ...]:
-    """Remarks but for those with certain codes."""
-    return tuple(r for r in map(remark_of, remarks) if r.code not in ignored)
 
 
 def gravest_first(remarks: Iterable[Remark]) -> tuple[Remark, ...]:

@@ -1,0 +1,316 @@
+"""What files hold, by names: the columns of a text, the arrays of MATLAB, HDF5 and numpy.
+
+MATLAB's versions 4 and 5 are read by scipy in a process of their own, which a damaged file can end;
+7.3 and other HDF5 files are read by h5py.
+"""
+
+from __future__ import annotations
+
+import atexit
+import csv
+import os
+import pickle
+import re
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from functools import cache, partial
+from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen
+from threading import Lock
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pilotid.support.types import FloatArray, InputError
+
+UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*[^()0-9][^()]*|1)\))", re.DOTALL)
+RUN = "run"  # the column that numbers the runs of a text in long format
+COMMENT = ("#", "%", "sep=", '"sep=')  # what no row begins with
+NUMBER = r"\s*[-+]?[.,]?[0-9]"  # how a row of numbers begins
+MORE = "..."  # behind the last name, where more columns follow than there are names
+NO_NUMBERS = "<no matrix of real numbers>"  # behind names of tables, texts and the like
+READER = """
+import pickle, sys
+from scipy.io import loadmat
+for path in map(eval, sys.stdin):
+    try:
+        content = loadmat(path, squeeze_me=True, struct_as_record=False)
+    except Exception as error:
+        content = error
+    pickle.dump(content, sys.stdout.buffer)
+    sys.stdout.flush()
+"""
+LOCK = Lock()
+
+
+class Variable(NamedTuple):
+    """A column of a text file, or an array.
+
+    Attributes
+    ----------
+    name
+        As in the file; that of a struct or group comes before, and a dot.
+    family
+        The name without its unit and the number of the run, which all runs of a signal share.
+    unit
+        Empty where none stands with it.
+    run
+        The number of the run, 0 where it has none.
+    numbers
+        Makes arrays of it: one, or one a run; what is no number is refused then.
+    """
+
+    name: str
+    family: str
+    unit: str
+    run: int
+    numbers: Callable[[], list[FloatArray]]
+
+
+def shown(text: object) -> str:
+    """A text from a file, quoted for a message: one line, not too long."""
+    words = " ".join(str(text).split())
+    return repr(words if len(words) <= 40 else f"{words[:40]}...")
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text can label an axis; a dollar sign would start a formula there."""
+    return len(text) <= 40 and text.isprintable() and "$" not in text
+
+
+def bare(name: str) -> tuple[str, str]:
+    """A name without its unit, and the unit: ``t [s]`` and ``u (deg)`` have one."""
+    match = UNIT.fullmatch(name)
+    unit = (match[2] or match[3] or "").strip() if match else ""
+    return (match[1], unit) if match and is_unit(unit) else (name, "")
+
+
+def number_of(text: str) -> float:
+    """The number in a text, NaN if it holds none."""
+    try:
+        return float(text)
+    except ValueError:
+        return np.nan
+
+
+def read_table(path: Path, source: str) -> list[Variable]:
+    """The columns of a text file.
+
+    Parameters
+    ----------
+    path, source
+        The file, and its name in messages.
+
+    Raises
+    ------
+    InputError
+        With the line of the first thing that is wrong; columns say it when they are asked.
+    """
+    places, rows = _rows(_text(path))
+    for place, row in zip(places, rows, strict=True):
+        if len(row) != len(rows[0]):
+            raise InputError(
+                f"{source}: line {place} has {len(row)} cells, the header {len(rows[0])}; "
+                "complete or remove it, or separate cells by semicolons if decimals have commas"
+            )
+    header = [name.strip() for name in rows[0]]
+    units = [_unit(cell) for row in rows[1:2] for cell in row]
+    begin = 2 if any(units) and None not in units else 1
+    columns = [column[begin:] for column in zip(*rows, strict=True)]
+    labels = columns[header.index(RUN)] if RUN in header else [""] * len(rows[begin:])
+    of_row = np.array([label.strip() for label in labels])
+    runs = [of_row == label for label in dict.fromkeys(of_row.tolist())]
+
+    def numbers(name: str, cells: Sequence[str]) -> list[FloatArray]:
+        column = _column(name, cells, places[begin:], source)
+        return [column[run] for run in runs] or [column]
+
+    variables = []
+    for place, (name, cells) in enumerate(zip(header, columns, strict=True)):
+        family, unit = bare(name)
+        numbered = None if RUN in header else re.fullmatch(r"(.+)_([0-9]{1,6})", family, re.DOTALL)
+        family, run = (numbered[1], int(numbered[2])) if numbered else (family, 0)
+        # Columns of one name are told apart as pandas does it: state, state.1.
+        same = header[:place].count(name)
+        unique = f"{name}.{same}" if same else name
+        unit = unit or (units[place] or "" if begin == 2 else "")
+        variables.append(Variable(unique, family, unit, run, partial(numbers, unique, cells)))
+    return variables
+
+
+def _column(name: str, cells: Sequence[str], places: Sequence[int], source: str) -> FloatArray:
+    """A column as finite numbers."""
+    commas = any("," in cell for cell in cells) and not any("." in cell for cell in cells)
+    values = np.array([number_of(cell.replace(",", ".") if commas else cell) for cell in cells])
+    for bad in np.flatnonzero(~np.isfinite(values)).tolist():
+        raise InputError(
+            f"{source}: line {places[bad]}, column {shown(name)[1:-1]}: {shown(cells[bad])} is no "
+            f"finite number with a decimal {'comma' if commas else 'point'}; repair or cut it there"
+        )
+    return values
+
+
+def _text(path: Path) -> str:
+    """The characters of a file: UTF-8, or Latin-1."""
+    try:
+        return path.read_text("utf-8-sig")
+    except UnicodeDecodeError:
+        return path.read_text("latin-1")
+
+
+def _rows(text: str) -> tuple[list[int], list[list[str]]]:
+    """The header and the rows, as cells, and the number of the line of each.
+
+    Before the header there may be lines that begin with # or %, and a line ``sep=;``.  The last of
+    these with a name for each column is the header itself if numbers follow at once.  Names that
+    end in ``...`` stand for as many as there are columns.
+    """
+    every = [*enumerate(text.split("\n"), start=1)]
+    lines = [(n, line) for n, line in every if not line.lstrip().startswith(COMMENT)]
+    while len(lines) > 1 and not lines[0][1].strip():
+        del lines[0]
+    while len(lines) > 1 and not lines[-1][1].strip(",; \t"):
+        del lines[-1]
+    first, header = lines[0] if lines else (1, "")
+    comments = [line.strip("#% \t") for _, line in every[: first - 1]]
+    width = len(_cells(header, _separator(header)))
+    named = [c for c in comments if c.endswith(MORE) or len(_cells(c, _separator(c))) == width]
+    if re.match(NUMBER, header) and named:
+        header = named[-1]
+        lines.insert(0, (0, header.removesuffix(MORE)))
+    separator = _separator(header)
+    rows = [_cells(line, separator) for _, line in lines] or [[""]]
+    if header.endswith(MORE):
+        rows[0] += rows[0][-1:] * (width - len(rows[0]))
+    return [n for n, _ in lines] or [1], rows
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    """The cells of a line; none where quotes are not closed."""
+    line = line.strip() if separator == " " else line
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True), [])
+    except csv.Error:
+        return []
+
+
+def _separator(line: str) -> str:
+    """What separates the cells of a header."""
+    # Spreadsheets in countries with a decimal comma separate the cells by semicolons.
+    separator = max((",", ";", "\t"), key=line.count)
+    return " " if separator not in line and " " in line.strip() else separator
+
+
+def _unit(cell: str) -> str | None:
+    """The unit in a cell of a row of units, without its brackets; None if it is none."""
+    text = re.sub(r"^\[(.*)\]$|^\((.*)\)$", r"\1\2", cell.strip()).strip()
+    return text if is_unit(text) and re.match(r"$|1$|-$|[^\W\d_]|[°%]", text) else None
+
+
+def read_arrays(path: Path, source: str) -> list[Variable]:
+    """The arrays in a file.
+
+    Parameters
+    ----------
+    path, source
+        The file, and its name in messages.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used.
+    """
+    try:
+        arrays = _arrays_in(path)
+    except Exception:  # what is damaged, or too large, fails in any way whatsoever
+        raise InputError(
+            f"{source}: is damaged, too large or no {path.suffix} file; save t, e, u, x again, in "
+            "MATLAB with save -v7"
+        ) from None
+
+    runs = Counter[str]()
+    variables = []
+    for name, values in arrays.items():
+        family, numbered = re.subn(r"\{[0-9]+\}", "", name)
+        runs[family] += 1
+        run = runs[family] if numbered else 0
+        variables.append(Variable(name, *bare(family), run, partial(list, [values])))
+    return variables
+
+
+def _arrays_in(path: Path) -> dict[str, FloatArray]:
+    """The arrays that libraries read of a file, by names."""
+    if path.suffix.lower() == ".npz":
+        with path.open("rb") as stream, np.load(stream) as archive:
+            content = dict.fromkeys(archive.files)
+            for name in content:
+                with suppress(ValueError):  # an object of Python could run a program
+                    content[name] = archive[name]
+            return dict(_named(content, ""))
+    import h5py  # when it is needed
+
+    if h5py.is_hdf5(path):
+        with h5py.File(path, "r") as file:
+            return dict(_named(file, ""))
+    return dict(_named(_loaded(path), ""))
+
+
+def _named(value: Any, name: str) -> Iterator[tuple[str, FloatArray]]:
+    """The arrays in a value; in arrays of structs and cells by names such as ``data{2}.u``."""
+    if hasattr(value, "_fieldnames"):  # of scipy
+        value = {field: getattr(value, field) for field in value._fieldnames}
+    elif hasattr(value, "chunks"):  # a data set of h5py
+        value = _in_hdf5(value)
+    if isinstance(value, np.ndarray) and value.dtype.kind == "O":
+        value = value.ravel(order="F").tolist()
+    if isinstance(value, Mapping):  # in a group with # lies what cells and objects refer to
+        for key in [key for key in value if not key.startswith(("#", "__"))]:
+            yield from _named(value[key], f"{name}.{key}".removeprefix("."))
+    elif isinstance(value, list):
+        for number, inside in enumerate(value, start=1):
+            yield from _named(inside, f"{name}{{{number}}}")
+    else:
+        array = np.atleast_1d(value)
+        yield name if array.dtype.kind in "fiub" else f"{name}{NO_NUMBERS}", array
+
+
+def _in_hdf5(entry: Any) -> Any:
+    """What is in a data set: an array, a list of data sets or groups, or nothing of use."""
+    import h5py
+
+    if "MATLAB_object_decode" in entry.attrs:  # a table, a time series
+        return None
+    values, kind = entry[()].T, entry.attrs.get("MATLAB_class", b"")
+    if h5py.check_ref_dtype(entry.dtype) is h5py.Reference and kind in (b"cell", b""):
+        return [entry.file[place] for place in values.ravel(order="F")]
+    return values
+
+
+@cache
+def _reader(owner: int) -> Any:
+    """The process that reads for the one with this id; one that was forked has another."""
+    command = [sys.executable, "-PWignore", "-c", READER]
+    # Ctrl-C is for this process alone.
+    reader = Popen(command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, process_group=0)
+    atexit.register(reader.communicate)  # it ends when its input does
+    return reader
+
+
+def _loaded(path: Path) -> dict[str, Any]:
+    """The variables that scipy reads of a file."""
+    with LOCK:
+        reader = _reader(os.getpid())
+        try:
+            reader.stdin.write(f"{str(path.absolute())!a}\n".encode())
+            reader.stdin.flush()
+            content: dict[str, Any] | Exception = pickle.load(reader.stdout)
+        except BaseException:  # it ended on a damaged file, or its answer would be the next
+            _reader.cache_clear()
+            reader.kill()
+            reader.communicate()
+            raise
+    if isinstance(content, Exception):
+        raise content
+    return content
