@@ -54,12 +54,7 @@ from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.quantities import FrequencyResponse
 from pilotid.estimate.warnings import black_box_objection, is_absent
 from pilotid.likelihood.prediction import Prediction, predict
-from pilotid.likelihood.second_step import (
-    ResponseFit,
-    against_recording,
-    output_at_once,
-    second_step,
-)
+from pilotid.likelihood.second_step import ResponseFit, against_recording, second_step
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import minimise, search
@@ -129,7 +124,7 @@ class ARX:
                 f"the channels of model {model.name} act on {len(inputs)} signals, which takes as "
                 "many forcing functions, and there is no disturbance"
             )
-        return output_at_once(recording)
+        return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Fit a long ARX model, and the pilot model to its response.

@@ -43,7 +43,7 @@ from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.quantities import FrequencyResponse
 from pilotid.estimate.warnings import black_box_objection
 from pilotid.likelihood.prediction import predict
-from pilotid.likelihood.second_step import against_recording, output_at_once, second_step
+from pilotid.likelihood.second_step import against_recording, second_step
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.spectral.regression import (
@@ -102,7 +102,7 @@ class SINDy:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why no black box can tell the pilot: the inputs are one signal, or hold the control."""
-        return black_box_objection(recording, model) or output_at_once(recording)
+        return black_box_objection(recording, model)
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Find a sparse model, and fit the pilot model to its response.

@@ -19,7 +19,6 @@ from pilotid.likelihood.second_step import (
     ResponseFit,
     against_recording,
     moved,
-    output_at_once,
     second_step,
 )
 from pilotid.methods.arx import ARX
@@ -210,7 +209,6 @@ def test_errors_hold_how_far_the_recording_moves_an_estimate() -> None:
 def test_an_output_that_follows_the_control_at_once_is_objected_to(method: ARX | SINDy) -> None:
     loop = replace(SINGLE_LOOP, name="gain-element", element=element_named("0.05"))
     recording = recording_of(loop)
-    assert "follows the control at once" in (output_at_once(recording) or "")
+    assert "follows the control at once" in (method.objection(recording, loop.model) or "")
     assert fit_of(method, loop).outcome is Outcome.NOT_APPLICABLE
-    assert output_at_once(recording_of(NOMINAL)) is None
-    assert output_at_once(replace(recording_of(NOMINAL), fd=None)) is None
+    assert method.objection(recording_of(NOMINAL), loop.model) is None

@@ -12,6 +12,7 @@ import numpy as np
 
 from pilotid.checks.checks import motionless, remarks
 from pilotid.checks.element_fit import closing_element
+from pilotid.checks.plant import is_gain
 from pilotid.estimate.estimate import Estimate, Outcome, at_bounds
 from pilotid.estimate.quantities import spans_decade
 from pilotid.model.catalogue import fault_of
@@ -156,9 +157,16 @@ def one_signal(recording: Recording, model: PilotModel) -> str | None:
 
 
 def black_box_objection(recording: Recording, model: PilotModel) -> str | None:
-    """Why lagged signals do not tell a pilot: one who changes, looks ahead, or has one input."""
+    """Why lagged signals do not tell a pilot: he changes, looks ahead, or has one input."""
     unsuited = varying(model) or looking_ahead(model) or dependent_signals(model)
-    return unsuited or one_signal(recording, model)
+    if unsuited := unsuited or one_signal(recording, model):
+        return unsuited
+    if not is_gain(recording):
+        return None
+    return (
+        "the output follows the control at once (the controlled element is a gain), so that a "
+        "black box finds the control in its own inputs"
+    )
 
 
 def is_absent(recording: Recording, forcing: FloatArray, beside: FloatArray) -> bool:

@@ -19,7 +19,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from pilotid.checks.element_forms import drive_of
 from pilotid.estimate.estimate import Estimate, Outcome, failed, outcome_of
 from pilotid.estimate.quantities import FrequencyResponse, real_parts
 from pilotid.estimate.warnings import lines_objection, motionless_input
@@ -176,8 +175,6 @@ WHITENS = Autoregressive(8)
 ROUNDS = 2
 #: Claimed errors by which prediction errors may move an estimate that is still one.
 MAX_MOVE = 5.0
-#: Correlation of control and output from which the controlled element is taken for a gain.
-AT_ONCE = 0.98
 
 
 def against_recording(
@@ -223,19 +220,6 @@ def against_recording(
             np.minimum(estimate.model.lower, estimate.values)[:, None],
             np.maximum(estimate.model.upper, estimate.values)[:, None],
         ),
-    )
-
-
-def output_at_once(recording: Recording) -> str | None:
-    """Why lags tell nothing of the pilot: the output follows the control at once."""
-    if not np.ptp(recording.x):  # not recorded, or still
-        return None
-    joint = np.corrcoef(drive_of(recording).ravel(), recording.x.ravel())[0, 1]
-    if abs(joint) < AT_ONCE:
-        return None
-    return (
-        "the output follows the control at once (the controlled element is a gain), so that a "
-        "black box finds the control in its own inputs"
     )
 
 
