@@ -14,16 +14,16 @@ import copyreg
 import dataclasses
 import hashlib
 import importlib
-import io
 import math
 import os
 import pickle
+import pickletools
 import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import ModuleType
 from typing import Any, get_args, get_type_hints
 
 from pilotid.support.numbers import require_settings
@@ -320,7 +320,7 @@ def packed(thing: object) -> bytes:
     InputError
         If it holds what no other process can have, such as an open file.
     """
-    content, _ = _pickled(thing)
+    content = _pickled(thing)
     return pickle.dumps(([file for n, file in FILES.items() if n.encode() in content], content))
 
 
@@ -332,25 +332,16 @@ def unpacked(content: bytes) -> Any:
     return pickle.loads(thing)
 
 
-def _pickled(thing: object) -> tuple[bytes, set[Any]]:
-    """An object as bytes, and all classes and functions that it is made of."""
+def _pickled(thing: object) -> bytes:
     import cloudpickle
 
-    stream, kinds = io.BytesIO(), set[Any]()
-
-    class Pickler(cloudpickle.Pickler):  # type: ignore[misc]
-        def persistent_id(self, part: Any) -> None:
-            kind = part if isinstance(part, type | FunctionType) else type(part)
-            kinds.update(getattr(kind, "__mro__", (kind,)))
-
     try:
-        Pickler(stream).dump(thing)
+        return bytes(cloudpickle.dumps(thing))
     except Exception as error:
         raise InputError(
             f"a setting cannot be handed to another process ({reason(error)}); let settings be "
             "numbers, words and dataclasses"
         ) from error
-    return stream.getvalue(), kinds
 
 
 def code_digest(thing: object) -> str:
@@ -363,9 +354,9 @@ def code_digest(thing: object) -> str:
     InputError
         If it is of a class that is in no file.
     """
-    sources = dict[Path, bytes]()
-    kinds = _pickled(thing)[1]
-    todo = [_file_of(kind) for kind in kinds if kind.__module__.partition(".")[0] not in KNOWN]
+    words = {text for _, text, _ in pickletools.genops(_pickled(thing)) if isinstance(text, str)}
+    modules = [n for n in words & sys.modules.keys() if n.partition(".")[0] not in KNOWN]
+    todo, sources = [_file_of(name) for name in modules], dict[Path, bytes]()
     while todo:
         file = todo.pop()
         if file not in sources:
@@ -374,11 +365,11 @@ def code_digest(thing: object) -> str:
     return digest_of(source for _, source in sorted(sources.items())) if sources else ""
 
 
-def _file_of(kind: type | FunctionType) -> Path:
-    """The file that a class or function is from."""
-    file = Path(getattr(sys.modules.get(kind.__module__), "__file__", None) or "")
+def _file_of(module: str) -> Path:
+    """The file that a module is from."""
+    file = Path(getattr(sys.modules[module], "__file__", None) or "")
     if not file.is_file():
-        raise InputError(f"{kind.__qualname__}: was typed in; write it to a file")
+        raise InputError(f"a class of {module} was typed in; write it to a file")
     return file
 
 
