@@ -149,7 +149,6 @@ def maximise_likelihood(
         pilots = [best.pilot, *(pilot for pilot, _ in others)]
         choices = [RemnantChoice(prediction, pilot, settings.noise, check) for pilot in pilots]
         best, others = _best_and_others([choice.full_fit() for choice in choices])
-    best = _with_change_elsewhere(best)
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
         best = best.restarted_at(np.concatenate([ordered, best.values[len(ordered) :]]))
@@ -550,14 +549,3 @@ def _best_and_others(
             reached.append(criterion)
             others.append((other.pilot, criterion))
     return best, others
-
-
-def _with_change_elsewhere(optimum: Optimum) -> Optimum:
-    """The optimum, or a better one where a change in time lies elsewhere."""
-    joint, remnant = optimum.joint, optimum.values[optimum.joint.pilot_count :]
-    others = joint.prediction.model.changes_elsewhere(optimum.pilot)
-    if not others:
-        return optimum
-    starts = np.array([np.concatenate([other, remnant]) for other in others])
-    ends = minimise(joint.gram, starts, joint, tolerance=1e-4, iterations=20)
-    return optimum.restarted_at(ends.values[0]) if ends.cost[0] < optimum.end.cost[0] else optimum
