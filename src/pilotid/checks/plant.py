@@ -39,12 +39,12 @@ def derivatives(signal: FloatArray, dt: float, order: int) -> list[FloatArray]:
     omega = 2.0 * np.pi * np.fft.rfftfreq(signal.shape[1], dt)
     spectrum = np.fft.rfft(signal - signal.mean(axis=1, keepdims=True))
     spectrum *= np.exp(-0.5 * (omega * SMOOTH) ** 2)
-    slope = 1j * omega
     edge = math.ceil(6.5 * SMOOTH / dt)
     signals = []
     for _ in range(order + 1):  # in place: an hour at 1 kHz is large
         signals.append(np.fft.irfft(spectrum, n=signal.shape[1])[:, edge:-edge])
-        spectrum *= slope
+        spectrum *= omega
+        spectrum *= 1j
     return signals
 
 
