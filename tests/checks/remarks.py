@@ -2,7 +2,8 @@
 
     nox -s check -- remarks --recordings 100 [--first 1000] [--only population-usual,zero]
 
-A fit is right if no value is off by more than four claimed errors; what is graded wrong or doubt
+A fit is right if no value that it tells (`Estimate.determined`) is off by more than four claimed
+errors; what is graded wrong or doubt
 of it, or of its recording, is a false alarm.  `zero` has elements with a zero; ``strata:NAME`` is a
 generator that shares no code with this one; scenarios named ``NAME*`` are all that begin so.
 Last, what is said of the recordings of people that PILOTID_MEASURED names.
@@ -84,7 +85,8 @@ def false_alarms(name: str, first: int, count: int) -> None:
         true = np.array([truth[key] for key in model.keys])
         low, high = estimate.intervals.T
         covered.append(float(np.mean((low <= true) & (true <= high))))
-        if np.any(np.abs(estimate.values - true) > FAR * estimate.std_error):
+        is_off = np.abs(estimate.values - true) > FAR * estimate.std_error
+        if np.any(is_off & estimate.determined):
             silent += not loud
             wrong += 1
             continue

@@ -197,13 +197,13 @@ def filled(*tables: Table) -> list[Table]:
 
 
 def alarms(results: Results) -> Iterator[str]:
-    """How many remarks there are, each once a recording, and the first of each code not a note."""
+    """How many remarks there are, each once a recording; the first of each grade and code but notes."""
     fits = results.quantities[results.quantities["method"] != "measured"]
     said = fits[["recording", "said"]].explode("said").dropna().drop_duplicates()
     if len(said):
         yield f"Warnings: {counted_grades(said['said'])}."
     grave = said[said["said"].map(lambda remark: remark.grade) != "note"]
-    codes = grave["said"].map(lambda remark: remark.code)
+    codes = grave["said"].map(lambda remark: (remark.grade, remark.code))
     firsts = {own.iloc[0]["said"]: own["recording"] for _, own in grave.groupby(codes, sort=False)}
     for first in gravest_first(firsts):
         place, *others = firsts[first]
