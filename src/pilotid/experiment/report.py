@@ -197,7 +197,7 @@ def filled(*tables: Table) -> list[Table]:
 
 
 def alarms(results: Results) -> Iterator[str]:
-    """How many remarks there are, each once a recording; the first of each grade and code but notes."""
+    """How many remarks there are, each once a recording; the first of each grade and code."""
     fits = results.quantities[results.quantities["method"] != "measured"]
     said = fits[["recording", "said"]].explode("said").dropna().drop_duplicates()
     if len(said):
