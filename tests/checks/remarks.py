@@ -5,7 +5,8 @@
 A fit is right if no value that it tells (`Estimate.determined`) is off by more than four claimed
 errors; what is graded wrong or doubt of it, or of its recording, is a false alarm.  `zero` has
 elements with a zero; ``strata:NAME`` is a generator that shares no code with this one; scenarios
-named ``NAME*`` are all that begin so.  Last, what is said of the recordings of people that PILOTID_MEASURED names.
+named ``NAME*`` are all that begin so.  Last, what is said of the recordings of people that
+PILOTID_MEASURED names.
 """
 
 from __future__ import annotations
