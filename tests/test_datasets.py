@@ -70,14 +70,6 @@ def test_the_paper_s_forcing_functions_are_those_of_table_2(
     assert forcing.period == 81.92
 
 
-def test_multisine_samples_by_hand() -> None:
-    forcing = Multisine((1, 3), (2.0, 0.5), (0.0, math.pi / 2.0), period=4.0)
-    # At t = 1: 2 sin(pi/2) + 0.5 cos(3 pi/2); at t = 2: 2 sin(pi) + 0.5 cos(3 pi)
-    np.testing.assert_allclose(
-        forcing.at(np.array([0.0, 1.0, 2.0, -1.0])), [0.5, 2.0, -0.5, -2.0], atol=1e-12
-    )
-
-
 def test_random_phases_keep_the_amplitude_spectrum() -> None:
     forcing = paper_target()
     variants = [forcing.with_random_phases(rng(seed)) for seed in (1, 1, 2)]

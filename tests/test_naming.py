@@ -23,7 +23,6 @@ from pilotid.methods.bayes import Bayes
 from pilotid.support.naming import (
     as_typed,
     code_digest,
-    digest_of,
     labelled,
     named,
     packed,
@@ -279,17 +278,6 @@ def test_the_digest_covers_the_file_that_a_thing_is_from_and_what_it_imports(min
         file.write_text(f"{text}# another\n")
         digests.append(code_digest(load_object(f"{mine}:Mine")))
     assert len({*digests}) == 3
-
-
-def test_the_digest_of_compiled_code_is_that_of_its_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    module = types.ModuleType("compiled_elsewhere")
-    module.__file__ = str(tmp_path / "compiled_elsewhere.so")
-    (tmp_path / "compiled_elsewhere.so").write_bytes(b"\x7fELF\0")
-    vars(module)["Thing"] = type("Thing", (), {"__module__": module.__name__})
-    monkeypatch.setitem(sys.modules, module.__name__, module)
-    assert code_digest(module.Thing()) == digest_of([b"\x7fELF\0"])
 
 
 def test_code_that_was_typed_in_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
