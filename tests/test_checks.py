@@ -260,11 +260,9 @@ def test_the_first_thing_that_is_wrong_is_told_and_how_to_mend_it() -> None:
     (remark,) = remarks(replace(recording, e=-recording.e))
     assert (remark.code, remark.grade) == ("wrong-sign", "wrong")
     assert remark.endswith("flip it with --map e=-e")
-    (remark,) = remarks(replace(recording, e=recording.e + 1.0))
-    assert remark.code == "not-the-error"
-    assert "check signs, units, offsets" in remark
+    assert remarks(replace(recording, e=recording.e + 1.0)) == ()  # methods take offsets out
     assert "ft is 2 times what the others" in remarks(replace(recording, ft=2.0 * recording.ft))[0]
-    bent = recording.ft + 0.1 * np.abs(recording.ft)
+    bent = recording.ft + 0.3 * np.abs(recording.ft)
     assert remarks(replace(recording, ft=bent))[0].code == "not-the-error"
     assert remarks(replace(recording, ft=None, lines={})) == ()
 
@@ -287,5 +285,4 @@ def test_channels_with_noise_of_their_own_are_still_e_x_and_ft(share: float) -> 
     assert remark.code == "wrong-sign"
     (remark, *_) = remarks(replace(known, ft=2.0 * recording.ft))
     assert remark.code == "wrong-unit"
-    (remark, *_) = remarks(replace(known, e=known.e + 0.1 * np.std(known.e)))
-    assert remark.code == "not-the-error"
+    assert remarks(replace(known, e=known.e + 0.1 * np.std(known.e))) == remarks(known)

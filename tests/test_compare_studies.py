@@ -121,7 +121,7 @@ def test_nothing_in_common_is_refused(first: Path, tmp_path: Path) -> None:
         return replace(entry, settings={"other": 1})
 
     other = changed(first, tmp_path / "b", scenario=renamed)
-    with pytest.raises(InputError, match=r"has no fits of the recordings.*settings differ"):
+    with pytest.raises(InputError, match=r"lacks recordings or methods.*settings differ"):
         find_changes(read_study(first), read_study(other))
 
 

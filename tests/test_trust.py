@@ -178,6 +178,10 @@ def test_the_command_and_python_write_and_say_the_same(run: Run, tmp_path: Path)
 
 def test_commands_refuse_what_has_no_scenario(run: Run, tmp_path: Path) -> None:
     assert run("simulate", "--out", tmp_path / "x.csv").status == 2
+    for settings in ("runs=-1", "dt=0", "duration=-5", "run_in=-3", "start_spread=-1"):
+        told = run("simulate", f"nominal({settings})", "--out", tmp_path / "x.csv")
+        assert told.status == 2
+        assert settings.partition("=")[0] in told.err
     none = run("trust", tmp_path / "none.csv", "--out", tmp_path / "out")
     assert (none.status, len(none.err.splitlines())) == (2, 1)
 

@@ -20,12 +20,7 @@ import numpy as np
 from pilotid.estimate.estimate import Estimate, is_at_bound
 from pilotid.likelihood.optimum import Optimum, best_of
 from pilotid.model.factors import Neuromuscular
-from pilotid.solve.intervals import (
-    Profile,
-    covariance_at_bounds,
-    errors_from,
-    profile_intervals,
-)  # fmt: skip
+from pilotid.solve.intervals import Profile, covariance_at_bounds, errors_from, profile_intervals
 from pilotid.solve.least_squares import Bounds, Box, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO, Z95, covariance_of
 from pilotid.support.types import FloatArray

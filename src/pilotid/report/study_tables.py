@@ -216,5 +216,5 @@ def trust_table(trust: Mapping[str, Any]) -> Table:
 
 def advice(trust: Mapping[str, Any]) -> list[str]:
     """What to do about the intervals of the fit, in sentences."""
-    sound = f"The intervals of {trust['method']} cover 95 % here, within Monte Carlo error."
+    sound = f"Nothing speaks against its 95 % intervals in {trust['replications']} simulations."
     return trust["sentences"] or [sound]

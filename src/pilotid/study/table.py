@@ -424,7 +424,7 @@ def find_changes(first: Comparison, second: Comparison) -> tuple[DataFrame, list
             changes.append(ratios.assign(scenario=name, method=method))
     if not changes:
         why = "; ".join(["", *unlike.values()])
-        raise InputError(f"{second.folder}: has no fits of the recordings of {first.folder}{why}")
+        raise InputError(f"{second.folder}: lacks recordings or methods of {first.folder}{why}")
     return concat(changes)[["scenario", "method", "parameter", *LOSS]], list(unlike.values())
 
 

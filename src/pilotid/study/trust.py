@@ -229,6 +229,9 @@ def try_fit(
     InputError
         If the fit failed, `scenario_of_estimate` refuses it, or the folder holds another trial.
     """
+    if model.changes or model.extra:
+        why = "varies in time or acts on further signals, which no scenario does; name another"
+        raise InputError(f"model {model.name} {why}")
     named = [method_named(m) if isinstance(m, str) else m for m in tried]
     estimate, simulated = fits_of(recording, model, named[:1], seed)
     scenario = scenario_of_estimate(simulated, recording)

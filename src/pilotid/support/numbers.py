@@ -150,7 +150,7 @@ def _generator(seed: int, *key: int) -> np.random.Generator:
 
 
 #: Least and largest settings of the methods of this package: whole numbers, and others.
-COUNT, SIZE = (1, 1000), (1e-12, 1e6)
+COUNT, SIZE, ANY = (1, 1000), (1e-12, 1e6), (-np.inf, np.inf)
 #: Those of other ranges.
 SETTINGS: dict[str, tuple[float, float]] = {
     **dict.fromkeys(("misfit", "removed", "threshold"), (0.0, 1.0)),
@@ -158,16 +158,23 @@ SETTINGS: dict[str, tuple[float, float]] = {
     "trend": (0, 10),
     "pade_order": (1, 10),
     "most": (1, 10**6),
+    # Of scenarios.
+    "dt": (1e-5, 1.0),
+    "duration": (1.0, 1e6),
+    "run_in": (0.0, 3600.0),
+    "runs": (1, 1000),
+    "start_spread": (0.0, 10.0),
 }
 
 
 def require_settings(thing: object) -> None:
-    """Refuse settings of a method of this package that are out of their ranges."""
-    if not (dataclasses.is_dataclass(thing) and type(thing).__module__.startswith("pilotid.meth")):
+    """Refuse settings of a method or scenario of this package that are out of their ranges."""
+    usual = {"methods": (COUNT, SIZE), "datasets": (ANY, ANY)}
+    package = type(thing).__module__.removeprefix("pilotid.").partition(".")[0]
+    if not dataclasses.is_dataclass(thing) or package not in usual:
         return
     for field in dataclasses.fields(thing):
-        usual = COUNT if "int" in str(field.type) else SIZE
-        low, high = SETTINGS.get(field.name, usual)
+        low, high = SETTINGS.get(field.name, usual[package]["int" not in str(field.type)])
         given = getattr(thing, field.name)
         for value in given if isinstance(given, tuple | list) else (given,):
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
