@@ -108,7 +108,7 @@ class EstimateLimits(NamedTuple):
     score_freedom: float = 30.0  # of the variances of scores (800 sound fits)
     #: Power of the share of their variance that the estimate left, by which the scatter of scores
     #: falls, and least scatter, by lines and by instruments (p of 5,000 sound fits of ten
-    #: populations and strata: 1.8 to 7.3 % below .05, .4 to 3.5 % below .01).
+    #: populations and strata: 1.6 to 7.4 % below .05, .3 to 3.7 % below .01).
     made_use_of: float = 1.25
     least_by_lines: float = 0.125
     least_by_instruments: float = 0.04
