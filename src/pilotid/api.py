@@ -246,7 +246,9 @@ def trust(
     from pilotid.study.trust import try_fit
 
     chosen = which_model(recording, seed=seed).model if model is None else _model(model)
-    return try_fit(recording, chosen, methods, Path(out), replications, seed, workers)
+    trusted = try_fit(recording, chosen, methods, Path(out), replications, seed, workers)
+    trusted.comparison.write(Path(out))
+    return trusted
 
 
 def design(

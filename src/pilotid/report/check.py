@@ -17,6 +17,7 @@ from pilotid.checks.plant import plant_of
 from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.recording.spectra import NotMultisineError, answers, lines_of
 from pilotid.support.format import Line, Table, as_text, table
+from pilotid.support.numbers import rms
 from pilotid.support.remarks import GRADES, Remark, gravest_first, remark_of, remarks_json
 
 LACKING = {
@@ -139,7 +140,7 @@ def _signal_facts(recording: Recording, name: str) -> dict[str, Any]:
         "meaning": SIGNALS.get(name, "extra signal"),
         "origin": recording.origin.get(name, name),
         "unit": recording.units.get(name, ""),
-        "rms": float(np.sqrt(np.mean(window**2))),
+        "rms": rms(window),
         "smallest": float(window.min()),
         "largest": float(window.max()),
     }

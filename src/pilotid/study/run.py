@@ -79,7 +79,7 @@ def run_task(task: Task) -> Fit:
             number(estimate.seconds),
             estimate.draws is not None,
             excess_of(method, recording, estimate, scenario) if drawn else None,
-            told(recording, estimate),
+            told(recording_of(origin, seed, shown), estimate),
             undetermined=tuple(q.key for q in estimate.parameters if not q.determined),
         )
         estimated = {q.key: (q.value, q.std_error, q.lower, q.upper) for q in estimate.parameters}

@@ -36,7 +36,7 @@ import numpy as np
 
 from pilotid.estimate.estimate import Outcome
 from pilotid.support.format import number
-from pilotid.support.numbers import Z95
+from pilotid.support.numbers import Z95, rms
 from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -474,7 +474,7 @@ def skewness(values: FloatArray) -> float:
     if not values.size:
         return math.nan
     deviations = values - np.mean(values)
-    size = float(np.sqrt(np.mean(deviations**2)))
+    size = rms(deviations)
     return float(np.mean((deviations / size) ** 3)) if size > 0.0 else 0.0
 
 

@@ -229,9 +229,7 @@ def try_fit(
     InputError
         If the fit failed, `scenario_of_estimate` refuses it, or the folder holds another trial.
     """
-    if model.changes or model.extra:
-        why = "varies in time or acts on further signals, which no scenario does; name another"
-        raise InputError(f"model {model.name} {why}")
+    require_scenario(model)
     named = [method_named(m) if isinstance(m, str) else m for m in tried]
     estimate, simulated = fits_of(recording, model, named[:1], seed)
     scenario = scenario_of_estimate(simulated, recording)
@@ -250,7 +248,6 @@ def try_fit(
     label = label_of(named[0]) if named else DEFAULT_METHOD
     comparison = study.run_in(folder, workers)
     trust = Trust(recording.source, estimate, label, simulated.specification, comparison)
-    comparison.write(folder)
     write_file(path, strict_json({**trust.to_dict(), **facts}).encode())
     return trust
 
@@ -282,6 +279,13 @@ def fits_of(
 # --------------------------------------------------------------------- the scenario of an estimate
 
 
+def require_scenario(model: PilotModel) -> None:
+    """Refuse a model that no scenario of an estimate can have, before any work is done."""
+    if model.changes or model.extra:
+        why = "varies in time or acts on further signals, which no scenario does; name another"
+        raise InputError(f"model {model.name} {why}")
+
+
 def scenario_of_estimate(estimate: Estimate, recording: Recording) -> Scenario:
     """The scenario of a recording: what would be recorded if its estimate were the truth.
 
@@ -306,12 +310,10 @@ def scenario_of_estimate(estimate: Estimate, recording: Recording) -> Scenario:
     element: ControlledElement | None = None
     if not estimate.outcome.usable or estimate.remnant is None:
         why = "it has no remnant" if estimate.outcome.usable else estimate.sentence
-    elif model.changes or model.extra:
-        why = f"model {model.name} varies in time, or acts on more than e, x and ft"
     else:
+        require_scenario(model)
         element = stabilised_element(recording, model, estimate.values)
-        unstable = "its loop with the element is unstable: check the signs of the signals"
-        why = element_unknown(recording) or unstable
+        why = element_unknown(recording) or "its loop is unstable: check the signs of the signals"
     if element is None or estimate.remnant is None:
         raise InputError(f"{source}: the fit by {estimate.method} cannot be simulated: {why}")
 
