@@ -246,7 +246,7 @@ def test_the_command_line_fits_a_model_of_one_s_own(own: Path, run: Run) -> None
     ("text", "words"),
     [
         ("TAKEN", "has the name 'multi' of another model; give it a name of its own"),
-        ("NAMELESS", "a model has the name 'a b/c'; it must be of letters, digits"),
+        ("NAMELESS", "model 'a b/c': a name must be of letters, digits"),
         ("PARTS", "is no PilotModel; write NAME = PilotModel"),
         ("NOTHING", "holds no 'NOTHING'"),
         ("LAGGED(gain=1)", "there is no setting 'gain'; its settings are name"),

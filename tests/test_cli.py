@@ -353,9 +353,9 @@ def test_fit_and_simulate_take_code_and_settings_too(run: Run, own: Path, tmp_pa
     values = [e["parameters"]["tdvis"]["value"] for e in result["estimates"]]
     assert len(set(values)) == 3
     refused(run("simulate", f"{own}:BOTH", "--out", csv_file), "is no Scenario", "name one")
-    refused(run(*fit, "arx(memory=x)"), "memory=x: input should be a valid number")
+    refused(run(*fit, "arx(memory=x)"), "memory=x: Input should be a valid number")
     refused(run(*fit, "arx(memory=1"), "unknown method 'arx(memory=1'")
-    refused(run(*fit, f"{own}:Yours"), "holds no 'Yours'", "Mine")
+    refused(run(*fit, f"{own}:Yours"), "holds no 'Yours'")
     refused(run(*fit, f"{own}:ONE"), "is no method")
     refused(run("compare", "--scenario", f"{own}:Mine", "--out", tmp_path), "is no Scenario")
     refused(run("compare", "--scenario", "single(run=2)", "--out", tmp_path), "'run'", "runs")

@@ -26,7 +26,6 @@ from pilotid.support.naming import (
     labelled,
     named,
     packed,
-    split_call,
     split_list,
     to_jsonable,
     with_settings,
@@ -85,22 +84,22 @@ def test_settings_are_read_as_their_types(text: str, name: str, value: object) -
     assert type(getattr(thing, name)) is type(value)
     # What is shown of it can be typed again.
     label = labelled("outer", thing)
-    assert with_settings(Outer(), split_call(label)[1], label) == thing
+    assert named(label, {"outer": Outer()}, "thing", "NAME") == thing
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("size=2", "there is no setting 'size'; its settings are number, count, word"),
-        ("count=2.0", "count=2: input should be a valid integer"),
+        ("count=2.0", "count=2: Input should be a valid integer"),
         ("inner=Inner(wde=true)", "there is no setting 'wde'"),
-        ("number=abc", "number=abc: input should be a valid number"),
+        ("number=abc", "number=abc: Input should be a valid number"),
         ("number=", "is not SETTING=VALUE"),
         ("on=1", "a valid boolean"),
         ("kind=both", "'one-sided', 'two-sided' or 3"),
         ("pair=(1, 2, 3)", "pair=(1, 2, 3): "),
         ("inner=Other(depth=1)", "Other(...) is not known there"),
-        ("word=a b", "put words with other signs"),
+        ("word=a b", "put words in quotes"),
         ("many=" + "(" * 2000 + ")" * 2000, "check brackets"),
     ],
 )
@@ -137,9 +136,7 @@ WORDS = st.characters(exclude_characters=":")
 )
 def test_every_label_can_be_typed(thing: Outer) -> None:
     label = labelled("outer", thing)
-    name, settings = split_call(label)
-    assert name == "outer"
-    assert with_settings(Outer(), settings, label) == thing
+    assert named(label, {"outer": Outer()}, "thing", "NAME") == thing
     assert label.isprintable()
 
 
@@ -148,7 +145,6 @@ def test_every_label_can_be_typed(thing: Outer) -> None:
 def test_no_text_breaks_the_reader(text: str) -> None:
     for read in (
         split_list,
-        split_call,
         method_named,
         lambda t: with_settings(Outer(), t, "outer"),
     ):

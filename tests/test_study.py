@@ -124,7 +124,7 @@ def test_a_class_of_one_s_own_crosses_and_what_cannot_is_a_sentence() -> None:
     study = Study("single", Local())
     assert run_task(next(study.tasks(study.keys))).outcome == "converged"
     object.__setattr__(study.methods[0], "candidates", (number for number in (3,)))
-    with pytest.raises(InputError, match="cannot be handed to another process"):
+    with pytest.raises(InputError, match="cannot be pickled"):
         next(study.tasks(study.keys))
 
 

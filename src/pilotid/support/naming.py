@@ -2,7 +2,7 @@
 
 ``arx(memory=none)`` names a thing and the settings that differ from its usual ones.  A value
 is a number, ``none``, ``true``, ``false``, a word (in quotes if it has other signs than
-letters, digits and ``.+-``), a list in parentheses, or again a name with settings.
+letters, digits and ``-``), a list in parentheses, or again a name with settings.
 
 Code of the user's own goes along to other processes.  A digest tells whether it has changed.
 """
@@ -10,18 +10,19 @@ Code of the user's own goes along to other processes.  A digest tells whether it
 from __future__ import annotations
 
 import ast
-import copyreg
 import dataclasses
 import hashlib
 import importlib
-import math
+import json
 import os
 import pickle
 import pickletools
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections import ChainMap
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from keyword import iskeyword
 from pathlib import Path
 from types import ModuleType
 from typing import Any, get_args, get_type_hints
@@ -30,11 +31,8 @@ from pilotid.support.numbers import require_settings
 from pilotid.support.types import InputError, reason
 
 CALL = re.compile(r"(?P<name>(.{2,}:)?[^()]*?)\s*(\((?P<settings>.*)\))?", re.DOTALL)
-#: A text in quotes, or a word without: neither a setting's name nor that of a class.
-WORD = re.compile(
-    r"""('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")|(?<![\w.])([A-Za-z_][\w.+-]*)(?!\s*[=(\w.+-])"""
-)
-CONSTANTS = {"none": "None", "true": "True", "false": "False", "inf": "1e999"}
+#: What a word without quotes means where it is no text.
+CONSTANTS = {"none": None, "true": True, "false": False, "inf": float("inf"), "-inf": -float("inf")}
 
 
 def split_list(text: str) -> list[str]:
@@ -46,12 +44,6 @@ def split_list(text: str) -> list[str]:
         else:
             parts.append(part)
     return [part.strip() for part in parts if part.strip()]
-
-
-def split_call(text: str) -> tuple[str, str | None]:
-    """A name, and the settings in the parentheses at its end, None if there are none."""
-    match = CALL.fullmatch(text.strip())
-    return (match["name"], match["settings"]) if match else (text.strip(), None)
 
 
 def with_settings(thing: Any, text: str | None, given: str) -> Any:
@@ -107,7 +99,8 @@ def named(text: str, known: Mapping[str, Any], kind: str, place: str) -> Any:
     InputError
         If there is none of that name, or if it refuses the settings.
     """
-    name, settings = split_call(text)
+    match = CALL.fullmatch(text.strip())
+    name, settings = (match["name"], match["settings"]) if match else (text, None)
     if place_in_code := PLACE.fullmatch(name):
         return with_settings(_taken(place_in_code), settings, text)
     if name not in known:
@@ -127,22 +120,16 @@ def name_of(text: str) -> str:
 def require_name(name: object, kind: str) -> None:
     """Refuse a name that tables, links and files cannot have."""
     if not isinstance(name, str) or not re.fullmatch(r"\w[\w.+-]{0,100}", name, re.ASCII):
-        raise InputError(
-            f"a {kind} has the name {name!r}; it must be of letters, digits and the signs . + -"
-        )
+        raise InputError(f"{kind} {name!r}: a name must be of letters, digits and . + -")
 
 
 def _parsed(text: str) -> ast.Call:
-    """The settings of a text as the arguments of a call, with words in quotes."""
-    words = WORD.sub(lambda m: m[1] or CONSTANTS.get(m[2].lower(), repr(m[2])), text)
+    """The settings of a text as the arguments of a call."""
     with suppress(SyntaxError, ValueError, MemoryError, RecursionError):
-        call = ast.parse(f"_({words})", mode="eval").body
+        call = ast.parse(f"_({text})", mode="eval").body
         if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and not call.args:
             return call
-    raise ValueError(
-        f"'{text}' is not SETTING=VALUE, ...; check brackets, and put words with other signs in "
-        "quotes"
-    )
+    raise ValueError(f"'{text}' is not SETTING=VALUE, ...; check brackets, put words in quotes")
 
 
 def _values(kind: type, call: ast.Call) -> dict[str, object]:
@@ -155,32 +142,34 @@ def _values(kind: type, call: ast.Call) -> dict[str, object]:
     hints = get_type_hints(kind)
     parts = [*kind.__mro__, *(part for hint in hints.values() for part in (hint, *get_args(hint)))]
     modules = [sys.modules.get(getattr(part, "__module__", "")) for part in parts]
-    places = [vars(module) for module in modules if module]
-    typed = {str(setting.arg): _value(setting.value, places) for setting in call.keywords}
-    for name in sorted(typed.keys() - {field.name for field in _fields(kind)}):
-        raise ValueError(f"there is no setting '{name}'")
-    types: Any = tuple[tuple(hints[name] for name in typed)]  # type: ignore[misc]
+    known = ChainMap(*(vars(module) for module in modules if module))
     strictly = ConfigDict(strict=True, arbitrary_types_allowed=True)
-    try:
-        values = TypeAdapter(types, config=strictly).validate_python(tuple(typed.values()))
-    except ValidationError as error:
-        fault = error.errors()[0]
-        name, why = list(typed)[int(fault["loc"][0])], fault["msg"]
-        raise ValueError(f"{name}={as_typed(typed[name])}: {why[:1].lower()}{why[1:]}") from None
-    return dict(zip(typed, values, strict=True))
+    values: dict[str, object] = {}
+    for setting in call.keywords:
+        name, typed = str(setting.arg), _value(setting.value, known)
+        if name not in {field.name for field in _fields(kind)}:
+            raise ValueError(f"there is no setting '{name}'")
+        one: Any = tuple[hints[name]]  # type: ignore[valid-type]  # a dataclass takes no config
+        try:
+            (values[name],) = TypeAdapter(one, config=strictly).validate_python((typed,))
+        except ValidationError as error:
+            raise ValueError(f"{name}={as_typed(typed)}: {error.errors()[0]['msg']}") from None
+    return values
 
 
-def _value(node: ast.expr, places: Sequence[Mapping[str, Any]]) -> object:
+def _value(node: ast.expr, known: Mapping[str, Any]) -> object:
     """What was typed as an object; a dataclass is one known where a declared type is written."""
     if isinstance(node, ast.Tuple | ast.List):
-        return tuple(_value(entry, places) for entry in node.elts)
-    if not isinstance(node, ast.Call):
+        return tuple(_value(entry, known) for entry in node.elts)
+    if isinstance(node, ast.Call):
+        kind = known.get(ast.unparse(node.func))
+        if not (isinstance(kind, type) and dataclasses.is_dataclass(kind)):
+            raise ValueError(f"{ast.unparse(node.func)}(...) is not known there")
+        return kind(**_values(kind, node))
+    with suppress(ValueError):
         return ast.literal_eval(node)
-    name = ast.unparse(node.func)
-    for kind in (place.get(name) for place in places):
-        if isinstance(kind, type) and dataclasses.is_dataclass(kind):
-            return kind(**_values(kind, node))
-    raise ValueError(f"{name}(...) is not known there")
+    word = ast.unparse(node).replace(" ", "")  # one-sided reads as a difference
+    return CONSTANTS.get(word.lower(), word)
 
 
 def _fields(kind: type) -> list[dataclasses.Field[Any]]:
@@ -202,9 +191,9 @@ def labelled(name: str, thing: object, usual: object = None) -> str:
     """
     changed = []
     for field in _fields(type(thing)):
-        factory = field.default_factory
-        default = field.default if factory is dataclasses.MISSING else factory()
         value = as_typed(getattr(thing, field.name))
+        make = field.default_factory
+        default = make() if callable(make) else field.default  # MISSING may be a copy of itself
         if as_typed(getattr(usual, field.name, default)) != value:
             changed.append(f"{field.name}={value}")
     return f"{name}({', '.join(changed)})" if changed else name
@@ -212,23 +201,18 @@ def labelled(name: str, thing: object, usual: object = None) -> str:
 
 def as_typed(value: object) -> str:
     """A value as a user would type it, where it can be typed; also one that `to_jsonable` made."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        text = labelled(type(value).__name__, value)
-        return text if text.endswith(")") else f"{text}()"
     match value:
-        case None | bool():
-            return str(value).lower()
-        case float():
-            return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
+        case None | bool() | int() | float():
+            return str(value).lower().removesuffix(".0")
         case str():
-            bare = re.fullmatch(r"[A-Za-z_][\w.+-]*", value, re.ASCII)
-            return value if bare and value.lower() not in CONSTANTS else repr(value)
+            is_word = value.isidentifier() and value.isascii() and not iskeyword(value)
+            return value if is_word and value.lower() not in CONSTANTS else repr(value)
         case list() | tuple():
             return f"({', '.join(map(as_typed, value))}{',' if len(value) == 1 else ''})"
         case dict():
             inner = [f"{key}={as_typed(entry)}" for key, entry in value.items() if key != "class"]
             return f"{value.get('class', '')}({', '.join(inner)})"
-    return str(to_jsonable(value))
+    return as_typed(to_jsonable(value))
 
 
 def to_jsonable(value: object) -> Any:
@@ -238,20 +222,17 @@ def to_jsonable(value: object) -> Any:
     can be called.  Numbers keep all their digits; what is neither number, text, list, mapping nor
     dataclass is what it is called.
     """
+    text = json.dumps(value, default=_plain)
+    return json.loads(text, parse_constant=lambda constant: str(float(constant)))
+
+
+def _plain(value: object) -> object:
+    """What JSON has in the place of an object."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: to_jsonable(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
         return {"class": type(value).__qualname__, **fields}
     if hasattr(value, "tolist"):  # a number or an array of numpy's
-        return to_jsonable(value.tolist())
-    match value:
-        case None | bool() | int() | str():
-            return value
-        case float():
-            return value if math.isfinite(value) else str(value)
-        case list() | tuple():
-            return [to_jsonable(entry) for entry in value]
-        case Mapping():
-            return {str(key): to_jsonable(entry) for key, entry in value.items()}
+        return value.tolist()
     return str(getattr(value, "__qualname__", "") or repr(value))
 
 
@@ -259,7 +240,7 @@ def to_jsonable(value: object) -> Any:
 
 
 #: ``file.py:NAME`` or ``package.module:NAME``; a drive letter is no such thing.
-PLACE = re.compile(r"(?P<module>.{2,}):(?P<name>[^\W\d]\w*(\.[^\W\d]\w*)*)", re.DOTALL)
+PLACE = re.compile(r"(?P<module>.{2,}):(?P<name>[^\W\d]\w*)", re.DOTALL)
 #: Path and content of modules that are read from a file.
 FILES: dict[str, tuple[str, bytes]] = {}
 #: What numbers depend on: a store notes the versions.
@@ -267,47 +248,33 @@ LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
 #: What is there anyway.
 KNOWN = {"pilotid", "cloudpickle", *sys.stdlib_module_names, *LIBRARIES}
 
-# A constant that is told by its identity, which cloudpickle does not know.
-copyreg.pickle(type(dataclasses.MISSING), lambda _: "MISSING")
-
 
 def _taken(place: re.Match[str]) -> Any:
     """What stands at a place in code."""
-    module = thing = _module(place["module"])
-    for name in place["name"].split("."):
-        if not hasattr(thing, name):
-            there = [known for known in vars(module) if not known.startswith("_")]
-            raise InputError(f"{place[0]}: holds no '{name}'; it has {', '.join(there[-20:])}")
-        thing = getattr(thing, name)
-    return thing
-
-
-def _module(where: str) -> ModuleType:
-    """A module by its name, or from its file."""
-    path = Path(where)
+    path = Path(place["module"])
     try:
         if path.suffix == ".py" or len(path.parts) > 1:
-            return _run(str(path.resolve()), path.read_bytes())
-        sys.path.append(str(Path.cwd()))  # last, so that it hides nothing
-        return importlib.import_module(where)
+            module = _run(str(path.resolve()), path.read_bytes())
+        else:
+            sys.path.append(str(Path.cwd()))  # last, so that it hides nothing
+            module = importlib.import_module(str(path))
     except (Exception, SystemExit) as error:  # code of others may do anything, even leave
-        why = f"{where}: cannot be imported ({reason(error)})"
+        why = f"{path}: cannot be imported ({reason(error)})"
         raise InputError(f"{why}; check its name and its imports") from error
+    if not hasattr(module, place["name"]):
+        raise InputError(f"{path}: holds no '{place['name']}'; check the name")
+    return getattr(module, place["name"])
 
 
 def _run(path: str, content: bytes) -> ModuleType:
     """A file as a module, whose name changes with its content."""
-    name = f"pilotid_file_{hashlib.sha256(os.fsencode(path) + content).hexdigest()[:12]}"
-    if name not in sys.modules:
+    name = f"pilotid_file_{digest_of([os.fsencode(path), content])}"
+    if name not in FILES:
         sys.path.append(str(Path(path).parent))  # what lies beside it
         module = ModuleType(name)
         module.__file__ = path
         sys.modules[name] = module  # before it runs: dataclasses look their module up
-        try:
-            exec(compile(content, path, "exec"), vars(module))
-        except BaseException:
-            del sys.modules[name]
-            raise
+        exec(compile(content, path, "exec"), vars(module))
         FILES[name] = path, content
     return sys.modules[name]
 
@@ -338,10 +305,7 @@ def _pickled(thing: object) -> bytes:
     try:
         return bytes(cloudpickle.dumps(thing))
     except Exception as error:
-        raise InputError(
-            f"a setting cannot be handed to another process ({reason(error)}); let settings be "
-            "numbers, words and dataclasses"
-        ) from error
+        raise InputError(f"a setting cannot be pickled ({reason(error)}); use numbers") from error
 
 
 def code_digest(thing: object) -> str:
@@ -356,28 +320,19 @@ def code_digest(thing: object) -> str:
     """
     words = {text for _, text, _ in pickletools.genops(_pickled(thing)) if isinstance(text, str)}
     modules = [n for n in words & sys.modules.keys() if n.partition(".")[0] not in KNOWN]
-    todo, sources = [_file_of(name) for name in modules], dict[Path, bytes]()
-    while todo:
-        file = todo.pop()
-        if file not in sources:
-            sources[file] = file.read_bytes()
-            todo += _imported_beside(file)
-    return digest_of(source for _, source in sorted(sources.items())) if sources else ""
-
-
-def _file_of(module: str) -> Path:
-    """The file that a module is from."""
-    file = Path(getattr(sys.modules[module], "__file__", None) or "")
-    if not file.is_file():
-        raise InputError(f"a class of {module} was typed in; write it to a file")
-    return file
+    files = [Path(getattr(sys.modules[name], "__file__", None) or "") for name in modules]
+    if not all(file.is_file() for file in files):
+        raise InputError(f"a class of {', '.join(modules)} was typed in; write it to a file")
+    for file in files:  # their number grows
+        files += [other for other in _imported_beside(file) if other not in files]
+    return digest_of(file.read_bytes() for file in sorted(files)) if files else ""
 
 
 def _imported_beside(file: Path) -> list[Path]:
     """The files of its own folder that a file of Python imports."""
-    nodes = [*ast.walk(ast.parse(file.read_bytes()))] if file.suffix == ".py" else []
-    names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
-    names += [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
+    nodes = ast.walk(ast.parse(file.read_bytes())) if file.suffix == ".py" else ()
+    imports = [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)]
+    names = {getattr(n, "module", None) or alias.name for n in imports for alias in n.names}
     beside = {file.parent / f"{name.partition('.')[0]}.py" for name in names}
     return sorted(path for path in beside if path.is_file())
 
