@@ -192,6 +192,8 @@ def test_wrong_tables_are_refused(run: Run, folder: Path, name: str, text: str, 
     assert (status, told.count("pilotid: ")) == (2, 1)
     assert words in told
     assert not (folder.parent / "out" / "study.sqlite").exists()
+    (folder / "stranger.csv").write_text("scenario,replication,parameter,value\n")
+    assert "holds no row of estimates" in compare(run, folder)[1]
 
 
 def test_estimates_of_other_recordings_are_refused(run: Run, folder: Path) -> None:

@@ -207,6 +207,7 @@ READ: list[tuple[str, Writer, int, dict[str, Any]]] = [
     ("units in names", written(text("t [s],e [deg],u (-),x[deg]")), 1, {"units": UNITS}),
     ("upper case", written(text("T,E,U,X")), 1, {}),
     ("Latin-1 units", written(text("t,e [°],u,x [°]").encode("latin-1")), 1, {"unit": "°"}),
+    ("UTF-16", written(text("t\te\tu\tx", "\t").encode("utf-16")), 1, {}),
     ("sep=;", written(text("t;e;u;x", ";", before="sep=;")), 1, {}),
     ("comments", written(text(before="# pilot 3\n% yaw, gain")), 1, {}),
     ("header in a comment", written(text("# t,e,u,x", before="# by savetxt")), 1, {}),
@@ -327,7 +328,7 @@ REFUSED_LINES: list[tuple[list[str], list[str]]] = [
     ([*long_format(["1", "2"])[:-1]], ["run 2, is 239", "240"]),
     (
         [*long_format(["1"]), *(f"2,{r}" for r in rows(start=1.0)[1:])],
-        ["alike in all runs, but run 2, from 1 s on"],
+        ["alike in all runs, but run 2, from 1 s on", "begin all runs at one time"],
     ),
     ([*long_format(["1", "1"])], ["a step of -11.95 s behind 11.95 s", "number runs"]),
     (["run,t,e,u,x", "a,0,0,0,0"], ["holds 1 samples"]),
@@ -335,7 +336,8 @@ REFUSED_LINES: list[tuple[list[str], list[str]]] = [
 
 #: Bytes of a CSV file.
 REFUSED_BYTES: list[tuple[bytes, list[str]]] = [
-    (b"", ["has no 't'"]),
+    (b"", ["cannot be read (it is empty)"]),
+    (b" \n\n", ["has no 't'"]),
     (b"t,e,u,x\n0,1,2,\xe9\n", ["line 2, column x: 'é' is no finite number"]),
 ]
 

@@ -69,6 +69,7 @@ def test_bounds_are_those_that_are_given() -> None:
     ("text", "words"),
     [
         ("fnx=3", "no model here has a parameter fnx"),
+        ("fnm=1,fnm=2", "no model here has a parameter fnm that is not held"),
         ("fnm", "is not PARAMETER=NUMBER"),
         ("fnm=-1", "cannot be held at -1"),
         ("fnm=nan", "cannot be held at nan"),

@@ -156,10 +156,8 @@ def fit(
     if report is not None:
         page = html_report(fits)
         write_file(report, page.encode("utf-8", "replace"))
-    console = make_console()
-    for number, fitted in enumerate([] if printed else fits):
-        show(console, *[""] * (number > 0))
-        print_fit(fitted, console)
+    for fitted in [] if printed else fits:
+        print_fit(fitted, make_console())
     options.raise_refused(refused)
 
 
@@ -206,12 +204,10 @@ def check(
     read, refused = reading.all(files, joint=joint)
     every = check_all([*read.values()], element)
     if not options.write_json(json, (checked.to_dict() for checked in every)):
-        gap = [""] * (not brief)
-        for number, checked in enumerate(every):
-            shown = [checked.brief] if brief else checked.blocks()
-            show(make_console(), *gap * (number > 0), *shown)
+        for checked in every:
+            show(make_console(), *([checked.brief] if brief else checked.blocks()))
         if len(every) > 1:
-            show(make_console(), *gap, summary_of(every))
+            show(make_console(), summary_of(every))
     options.raise_refused(refused)
 
 
@@ -241,12 +237,11 @@ def posterior(
         require_folder(folder, FILES, read_with(files))
     read, refused = reading.all(files, joint=joint)
     sampler = {"bayes": Bayes(effective=2000.0)}
-    for number, (file, recording) in enumerate(read.items()):
+    for file, recording in read.items():
         fitted = _fitted(recording, named, None, sampler, seed, element)
         quantities = quantities_of(fitted)
         is_written = out is not None and quantities
         written = write_posterior(folders[file], fitted, quantities) if is_written else []
-        show(make_console(), *[""] * (number > 0))
         print_posterior(fitted, quantities, written)
     options.raise_refused(refused)
 

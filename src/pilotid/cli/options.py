@@ -26,7 +26,6 @@ from pilotid.support.types import InputError
 #: something of its own.
 MEANINGS: dict[str, tuple[str, str]] = {
     "files": ("F.csv|F.mat ...", "Recordings to read; F.mat::PART is one of several in a file."),
-    "trust files": ("F.csv|F.mat", "Recording; several are runs of one."),
     "folder": ("DIR", "What `compare` wrote."),
     "first": ("A", "A study that `compare` wrote."),
     "second": ("B", "Another of the same scenarios."),

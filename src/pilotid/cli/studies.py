@@ -142,12 +142,9 @@ def compare_studies(first: Path, second: Path) -> None:
     differences, left_out = find_changes(read_study(first), read_study(second))
     rows = differences.itertuples(index=False, name=None)
     changes = table(
-        [
-            (*row[:3], loss_text(*row[3:]), "better" if row[5] < 1 else "worse" * (row[4] > 1))
-            for row in rows
-        ],
+        [(*row[:3], loss_text(*row[3:])) for row in rows],
         f"Losses in {second} (B) over those in {first} (A), with 95 % intervals",
-        ("scenario", "method", "parameter", "loss B / A", ""),
+        ("scenario", "method", "parameter", "loss B / A"),
         {"loss B / A": str},
     )
     show(make_console(), changes, *left_out)
@@ -197,14 +194,13 @@ def trust(
 def fetch_data(name: str | None = None) -> None:
     """Fetch published recordings of people into the user's cache, or list them."""
     console = make_console()
-    folder = None if name is None else fetch(name)
-    for people in PEOPLE.values():
-        if name in (None, people["name"]):
-            facts = [f"{fact}: {text}" for fact, text in people.items() if text and fact != "name"]
-            show(console, Line(people["name"], "heading"), *facts)
-    if folder is not None:
+    if name is not None:
         compare = f"pilotid compare --people {name} --out results/{name}"
-        show(console, f"The files are in {folder}:", compare)
+        show(console, f"The files are in {fetch(name)}:", compare)
+        return
+    for people in PEOPLE.values():
+        facts = [f"{fact}: {text}" for fact, text in people.items() if text and fact != "name"]
+        show(console, Line(people["name"], "heading"), *facts)
 
 
 @dataclass(frozen=True)

@@ -292,7 +292,8 @@ def with_held(models: Iterable[PilotModel], text: str | None) -> list[PilotModel
         if not having:
             known = ", ".join(dict.fromkeys(k for m in changed for k in m.keys))
             raise InputError(
-                f"--fix {text}: no model here has a parameter {key}; choose from {known}"
+                f"--fix {text}: no model here has a parameter {key} that is not held already; "
+                f"choose from {known}"
             )
         for place in having:
             if len(numbers) == 1:

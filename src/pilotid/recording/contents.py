@@ -12,6 +12,7 @@ import os
 import pickle
 import re
 import sys
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -36,7 +37,7 @@ import pickle, sys
 from scipy.io import loadmat
 for path in map(eval, sys.stdin):
     try:
-        content = loadmat(path, squeeze_me=True, struct_as_record=False)
+        content = loadmat(path, simplify_cells=True)
     except Exception as error:
         content = error
     pickle.dump(content, sys.stdout.buffer)
@@ -108,7 +109,7 @@ def read_table(path: Path, source: str) -> list[Variable]:
     InputError
         With the line of the first thing that is wrong; columns say it when they are asked.
     """
-    places, rows = _rows(_text(path))
+    places, rows = zip(*_rows(_text(path)), strict=True)
     for place, row in zip(places, rows, strict=True):
         if len(row) != len(rows[0]):
             raise InputError(
@@ -153,38 +154,33 @@ def _column(name: str, cells: Sequence[str], places: Sequence[int], source: str)
 
 
 def _text(path: Path) -> str:
-    """The characters of a file: UTF-8, or Latin-1."""
-    try:
+    """The characters of a file: UTF-8, UTF-16 or Latin-1."""
+    with suppress(UnicodeDecodeError):
         return path.read_text("utf-8-sig")
-    except UnicodeDecodeError:
-        return path.read_text("latin-1")
+    is_wide = path.read_bytes().startswith((BOM_UTF16_LE, BOM_UTF16_BE))
+    return path.read_text("utf-16" if is_wide else "latin-1", errors="replace")
 
 
-def _rows(text: str) -> tuple[list[int], list[list[str]]]:
-    """The header and the rows, as cells, and the number of the line of each.
+def _rows(text: str) -> list[tuple[int, list[str]]]:
+    """The header and the rows, as cells, with the number of the line of each.
 
     Before the header there may be lines that begin with # or %, and a line ``sep=;``.  The last of
     these with a name for each column is the header itself if numbers follow at once.  Names that
     end in ``...`` stand for as many as there are columns.
     """
-    every = [*enumerate(text.split("\n"), start=1)]
+    every = [*enumerate(re.sub(r"(\n[,; \t]*)+$", "", text).split("\n"), start=1)]
     lines = [(n, line) for n, line in every if not line.lstrip().startswith(COMMENT)]
     while len(lines) > 1 and not lines[0][1].strip():
         del lines[0]
-    while len(lines) > 1 and not lines[-1][1].strip(",; \t"):
-        del lines[-1]
     first, header = lines[0] if lines else (1, "")
-    comments = [line.strip("#% \t") for _, line in every[: first - 1]]
-    width = len(_cells(header, _separator(header)))
-    named = [c for c in comments if c.endswith(MORE) or len(_cells(c, _separator(c))) == width]
-    if re.match(NUMBER, header) and named:
-        header = named[-1]
-        lines.insert(0, (0, header.removesuffix(MORE)))
     separator = _separator(header)
-    rows = [_cells(line, separator) for _, line in lines] or [[""]]
-    if header.endswith(MORE):
-        rows[0] += rows[0][-1:] * (width - len(rows[0]))
-    return [n for n, _ in lines] or [1], rows
+    rows = [(n, _cells(line, separator)) for n, line in lines] or [(1, [""])]
+    if re.match(NUMBER, header):
+        for _, line in reversed(every[: first - 1]):
+            names = _cells(line.strip("#% \t").removesuffix(MORE), separator)
+            if len(names) == len(rows[0][1]) or line.endswith(MORE):
+                return [(0, names + names[-1:] * (len(rows[0][1]) - len(names))), *rows]
+    return rows
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -259,10 +255,9 @@ def _arrays_in(path: Path) -> dict[str, FloatArray]:
 
 def _named(value: Any, name: str) -> Iterator[tuple[str, FloatArray]]:
     """The arrays in a value; in arrays of structs and cells by names such as ``data{2}.u``."""
-    if hasattr(value, "_fieldnames"):  # of scipy
-        value = {field: getattr(value, field) for field in value._fieldnames}
-    elif hasattr(value, "chunks"):  # a data set of h5py
-        value = _in_hdf5(value)
+    if hasattr(value, "chunks"):  # a data set of h5py
+        is_places = "ref" in (value.dtype.metadata or ())  # cells, fields of arrays of structs
+        value = [value.file[place] for place in value[()].flat] if is_places else value[()].T
     if isinstance(value, np.ndarray) and value.dtype.kind == "O":
         value = value.ravel(order="F").tolist()
     if isinstance(value, Mapping):  # in a group with # lies what cells and objects refer to
@@ -274,18 +269,6 @@ def _named(value: Any, name: str) -> Iterator[tuple[str, FloatArray]]:
     else:
         array = np.atleast_1d(value)
         yield name if array.dtype.kind in "fiub" else f"{name}{NO_NUMBERS}", array
-
-
-def _in_hdf5(entry: Any) -> Any:
-    """What is in a data set: an array, a list of data sets or groups, or nothing of use."""
-    import h5py
-
-    if "MATLAB_object_decode" in entry.attrs:  # a table, a time series
-        return None
-    values, kind = entry[()].T, entry.attrs.get("MATLAB_class", b"")
-    if h5py.check_ref_dtype(entry.dtype) is h5py.Reference and kind in (b"cell", b""):
-        return [entry.file[place] for place in values.ravel(order="F")]
-    return values
 
 
 @cache

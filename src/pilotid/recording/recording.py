@@ -117,8 +117,8 @@ class Recording:
             self._refuse(
                 f"the measurement window lasts {self.duration:.3g} s after a run-in of "
                 f"{self.run_in} samples, and {scored:.3g} s of it are scored; at least "
-                f"{SHORTEST:g} s and {LEAST_SCORED:g} s are needed (is each signal stored as one "
-                "column a run?)"
+                f"{SHORTEST:g} s and {LEAST_SCORED:g} s are needed: take a longer span, and store "
+                "each signal as one column a run"
             )
         still = np.ptp(self.u[:, self.run_in :], axis=1) == 0.0
         if still.any():

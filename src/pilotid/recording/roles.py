@@ -83,12 +83,11 @@ def recording_of(content: Content, places: Places, dt: float | None) -> Recordin
         If a signal is lacking or may be any of several, or if runs or arrays are unlike.
     """
     notes, source = content.notes, content.source
-    stated = [interval for interval in (dt, notes.dt) if interval is not None]
+    stated = [interval for interval in (notes.dt, dt) if interval is not None]
     signals, origin, units = _signals(content, places, timed=bool(stated))
     if "=" in content.part:
         signals = _runs_at(content, signals)
     interval, negative = _time_base(signals.pop("t", None), stated, source)
-    interval = notes.dt or interval  # a note is the more exact
     for name, other in (("x", "e"), ("e", "x")):
         if name not in signals and len(signals.get("ft", ())) in (1, len(signals[other])):
             signals[name] = signals["ft"] - signals[other]
@@ -206,8 +205,7 @@ def _columns_of_signals(
             f"{f' or read a part, as in {source}::{holding[0]}' if holding else ''}"
         )
     for signal, several in columns.items():
-        runs = [column.run for column in several]
-        if len(runs) > 1 and runs != [*range(1, len(runs) + 1)]:
+        if len(several) > 1 and [c.run for c in several] != [*range(1, len(several) + 1)]:
             raise InputError(
                 f"{source}: {listed(v.name for v in several)} may be {signal}; pick one, as in "
                 f"--map {signal}={several[0].name}, or number runs from 1 without a gap"
@@ -218,21 +216,21 @@ def _columns_of_signals(
 def _time_base(times: FloatArray | None, stated: Sequence[float], source: str) -> tuple[float, int]:
     """Sampling interval [s] and number of samples before t = 0.
 
-    They follow from the file's times (runs, samples), which must increase evenly, or from what is
-    stated in their place, which must agree with them.
+    They follow from the file's times (runs, samples), which must increase evenly, and from what is
+    stated, which must agree with them and is the more exact.
     """
-    if times is None:
-        dt, negative, reach = stated[0], 0, SNAP
-    else:
+    intervals, negative, reach = list(stated), 0, SNAP
+    if times is not None:
         dt, negative = _sampling(times, source)
         reach = max(SNAP, 2 * UNEVENNESS / (times.shape[1] - 1))
+        intervals.append(dt)
     for interval in stated:
-        if abs(interval - dt) > reach * dt:
+        if abs(interval - intervals[-1]) > reach * intervals[-1]:
             raise InputError(
-                f"{source}: --dt or the note dt says {interval:g} s but the samples are {dt:g} s "
-                "apart; leave one of the two out"
+                f"{source}: --dt or the note dt says {interval:g} s but the samples are "
+                f"{intervals[-1]:g} s apart; leave one of the two out"
             )
-    return dt, negative
+    return intervals[0], negative
 
 
 def _sampling(times: FloatArray, source: str) -> tuple[float, int]:
@@ -250,7 +248,8 @@ def _sampling(times: FloatArray, source: str) -> tuple[float, int]:
         raise InputError(
             f"{source}: times must increase evenly and alike in all runs, but run {run + 1}, from "
             f"{times[run, 0]:.6g} s on, has a step of {steps[worst]:.6g} s behind "
-            f"{times[run, worst]:.6g} s; remove repeated rows, number runs, or resample"
+            f"{times[run, worst]:.6g} s; begin all runs at one time, number runs, remove repeated "
+            "rows, or resample"
         )
     rate = float(np.rint(1.0 / np.float64(dt)))
     dt = 1.0 / rate if abs(dt * rate - 1.0) <= SNAP else dt

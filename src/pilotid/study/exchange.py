@@ -228,6 +228,8 @@ def _table(path: Path) -> DataFrame:
         why = str(error).splitlines()[0]
         raise InputError(f"{path}: cannot be read as CSV ({why}); write it again") from None
     table = table.rename(columns=str.strip).apply(lambda column: column.str.strip())
+    if table.empty:
+        raise InputError(f"{path}: holds no row of estimates; write one for each parameter")
     lacking = [name for name in REQUIRED if name not in table]
     if lacking:
         raise InputError(f"{path}: has no column {lacking[0]}; it needs {', '.join(REQUIRED)}")

@@ -36,7 +36,9 @@ def require_file(path: Path) -> None:
     """
     source = path_shown(path)
     try:
-        why = "" if stat.S_ISREG(path.stat().st_mode) else "it is a folder or a device, say"
+        about = path.stat()
+        why = "it is empty" if about.st_size == 0 else ""
+        why = why if stat.S_ISREG(about.st_mode) else "it is a folder or a device, say"
         if not why:
             path.open("rb").close()
     except (OSError, ValueError) as error:

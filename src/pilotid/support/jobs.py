@@ -10,8 +10,9 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
@@ -30,7 +31,6 @@ Answer = TypeVar("Answer")
 
 THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 TIME_LIMIT = 600.0  # s
-POLL_INTERVAL = 0.5  # s
 
 
 class Loss(enum.Enum):
@@ -49,15 +49,15 @@ class Workers(NamedTuple):
         How many tasks to hand over at once.
     submit
         Hands over a function, what it may take on a local process [s], and its task.
-    losses
-        By the error that a lost task ends with, why it has no answer.
+    died
+        The error of a task whose process died.
     active
         Whether answers still come.
     """
 
     room: int
     submit: Callable[..., Future[Any]]
-    losses: Mapping[type[Exception], tuple[Loss, str]]
+    died: type[Exception]
     active: Callable[[], bool] = lambda: True
 
 
@@ -104,16 +104,18 @@ def run_tasks(
                 running[pool.submit(function, seconds, task)] = task
             if not running:
                 return
-            done = wait(running, POLL_INTERVAL, FIRST_COMPLETED).done
+            done = wait(running, 0.5, FIRST_COMPLETED).done
             if not (done or pool.active()):  # a pool that gives up may leave tasks without an end
-                raise RuntimeError
+                raise BrokenProcessPool
             for future in done:
                 task = running.pop(future)
                 try:
                     answer: Answer = future.result()
-                except tuple(pool.losses) as error:
-                    loss, words = pool.losses[type(error)]
-                    answer = given_up(task, loss, words.format(error))
+                except TimeoutError:
+                    answer = given_up(task, Loss.TIMED_OUT, f"{seconds or 0:g} s")
+                except pool.died as error:
+                    code = getattr(error, "exitcode", "unknown")
+                    answer = given_up(task, Loss.DIED, f"exit code {code}")
                 yield answer
 
 
@@ -130,9 +132,8 @@ def about_this(seed: int) -> dict[str, str]:
     return {
         "seed": str(seed),
         "code": own_digest(),
-        "pilotid": version("pilotid"),
         "python": "{}.{}".format(*sys.version_info),
-        **{name: version(name) for name in LIBRARIES},
+        **{name: version(name) for name in ("pilotid", *LIBRARIES)},
     }
 
 
@@ -144,16 +145,10 @@ def _processes(workers: int, seconds: float | None) -> Iterator[Workers]:
     """Processes of this machine."""
     from pebble import ProcessExpired, ProcessPool
 
-    losses = {
-        TimeoutError: (Loss.TIMED_OUT, f"{seconds or 0:g} s"),
-        ProcessExpired: (Loss.DIED, "exit code {0.exitcode}"),
-    }
     pool = ProcessPool(workers, initializer=_set_up, context=_Context())
     try:
-        yield Workers(2 * workers, pool.submit, losses, lambda: pool.active)
-    except RuntimeError:  # of a task, or of a pool that has given up
-        if pool.active:
-            raise
+        yield Workers(2 * workers, pool.submit, ProcessExpired, lambda: pool.active)
+    except BrokenProcessPool:
         raise InputError("processes for the fits end as they start; try fewer, --workers") from None
     finally:
         pool.stop()  # type: ignore[no-untyped-call]
@@ -206,7 +201,6 @@ def _set_up() -> None:
 @contextmanager
 def _cluster(scheduler: str) -> Iterator[Workers]:
     """The workers of a Dask scheduler."""
-    digest = own_digest()
     logging.disable()  # what is wrong is said in a sentence; Dask would tell it in a hundred
     try:
         from distributed import Client, KilledWorker
@@ -218,15 +212,14 @@ def _cluster(scheduler: str) -> Iterator[Workers]:
         executor = client.get_executor(retries=0, pure=False)
         try:
             # So many tasks keep all workers busy.
-            submit = partial(executor.submit, _same_code, digest)
-            yield Workers(1000, submit, {KilledWorker: (Loss.DIED, "again and again")})
+            yield Workers(1000, partial(executor.submit, _same_code, own_digest()), KilledWorker)
         finally:
             with suppress(Exception):  # there may be nobody to take leave of
                 client.close(timeout=2.0)
     except Exception as error:
         raise InputError(
-            f"--scheduler {scheduler}: {reason(error)}; start a Dask scheduler, and workers with "
-            "this pilotid[distributed], and run the same command again: what is done is kept"
+            f"--scheduler {scheduler}: {reason(error)}; start it, and workers with this "
+            "pilotid[distributed], and run the same command again: what is done is kept"
         ) from error
     finally:
         logging.disable(logging.NOTSET)

@@ -121,8 +121,8 @@ class Rows:
             formats = base.execute(query).fetchall()
             if formats != [(SCHEMA, self.format)] and (formats or not create):
                 raise InputError(
-                    f"{self.path}: is no such store, or of another version of pilotid; name "
-                    "another folder"
+                    f"{self.path}: is of another command (compare, analyse) or another version of "
+                    "pilotid; name another folder"
                 )
             fault = base.execute("PRAGMA quick_check(1)").fetchone()
             if fault != ("ok",):
