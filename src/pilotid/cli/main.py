@@ -5,7 +5,6 @@ Heavy libraries are imported by the commands that need them: `pilotid list` is i
 
 from __future__ import annotations
 
-import inspect
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
@@ -90,18 +89,15 @@ def list_names() -> None:
     """List models, methods and scenarios."""
     summaries = {
         "models": {m.name: f"{m.description}: {', '.join(m.keys)}" for m in MODELS.values()},
-        "methods": {name: _first_line(m) for name, m in METHODS.items()},
+        "methods": {
+            name: f"{str(method.__doc__).splitlines()[0]} {labelled('', method)}".rstrip()
+            for name, method in METHODS.items()
+        },
         "scenarios": {s.name: s.description for s in datasets.CATALOGUE.values()},
     }
     for title, entries in summaries.items():
         lines = (f"  {name:<20} {text}" for name, text in entries.items())
         show(make_console(), Line(title, "heading"), *lines)
-
-
-def _first_line(method: Method) -> str:
-    """What a method is, and its settings where they are not the usual ones."""
-    line = (inspect.getdoc(type(method)) or "").partition("\n")[0]
-    return f"{line} {labelled('', method)}".rstrip()
 
 
 def simulate(
@@ -114,8 +110,7 @@ def simulate(
     """Simulate a scenario, or a pilot drawn from a population; truth goes to F.truth.json."""
     truth_file = out.with_suffix(".truth.json")
     written = [out, truth_file, sidecar_path(out)]
-    again = truth_file.exists()  # it was simulated
-    require_free(written, [Path(scenario)], force=again)
+    require_free(written, [Path(scenario)], force=truth_file.exists())  # it was simulated
     named = datasets.scenario_named(scenario)
     drawn = named.drawn(draw_rng(seed, named.name))
     drawn = replace(drawn, runs=runs or drawn.runs)
@@ -154,8 +149,7 @@ def fit(
 
     printed = options.write_json(json, map(_entry, fits))
     if report is not None:
-        page = html_report(fits)
-        write_file(report, page.encode("utf-8", "replace"))
+        write_file(report, html_report(fits).encode("utf-8", "replace"))
     for fitted in [] if printed else fits:
         print_fit(fitted, make_console())
     options.raise_refused(refused)
@@ -211,10 +205,6 @@ def check(
     options.raise_refused(refused)
 
 
-#: What is written into a folder, beside figures.
-FILES = ("report.html", "draws.npy", "summary.csv", "estimate.json")
-
-
 def posterior(
     files: list[Path],
     *,
@@ -233,8 +223,9 @@ def posterior(
     folders = {file: out / stem_of(file) if several else out for file in files if out is not None}
     if several and len({*folders.values()}) < len(folders):
         raise InputError("two files have one name; choose another --out for one of them")
+    names = ("report.html", "draws.npy", "summary.csv", "estimate.json")
     for folder in dict.fromkeys(folders.values()):
-        require_folder(folder, FILES, read_with(files))
+        require_folder(folder, names, read_with(files))
     read, refused = reading.all(files, joint=joint)
     sampler = {"bayes": Bayes(effective=2000.0)}
     for file, recording in read.items():

@@ -44,7 +44,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "compare method": ("[LABEL=]NAME", "Method, as for fit; LABEL=NAME gives it a label."),
     "scenario": ("SCENARIO", "See `pilotid list`; 'nominal(runs=3)', file.py:NAME."),
     "compare scenario": ("NAME", "The same; repeat, use commas, or say all."),
-    "design scenario": ("[SCENARIO]", "Pilot, loop, remnant and reference forcing; else nominal."),
     "like": ("FILE", "The scenario of a recording as mle fits it, or of a trust.json."),
     "fix": ("fnm=12,dnm=.1..0.5", "Parameters held at a value, or searched between others."),
     # Work and results.

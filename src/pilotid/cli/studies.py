@@ -106,12 +106,10 @@ def export(
     out: Path,
 ) -> None:
     """Write a study's recordings as files for other languages, and their truth apart."""
-    from pilotid.study.exchange import MANIFEST
-    from pilotid.study.exchange import export as exported
+    from pilotid.study import exchange
 
-    names = split_list(scenario)
-    count = exported(names, replications, seed, out, kind)
-    words = f"{out / MANIFEST}: {count} recordings; the truth is in {out / 'truth'}"
+    count = exchange.export(split_list(scenario), replications, seed, out, kind)
+    words = f"{out / exchange.MANIFEST}: {count} recordings; the truth is in {out / 'truth'}"
     fits = f"fits of yours: pilotid compare --estimates {out / 'mine.csv'} --seed {seed}"
     show(make_console(), words, fits)
 
@@ -193,14 +191,13 @@ def trust(
 
 def fetch_data(name: str | None = None) -> None:
     """Fetch published recordings of people into the user's cache, or list them."""
-    console = make_console()
     if name is not None:
         compare = f"pilotid compare --people {name} --out results/{name}"
-        show(console, f"The files are in {fetch(name)}:", compare)
+        show(make_console(), f"The files are in {fetch(name)}:", compare)
         return
     for people in PEOPLE.values():
         facts = [f"{fact}: {text}" for fact, text in people.items() if text and fact != "name"]
-        show(console, Line(people["name"], "heading"), *facts)
+        show(make_console(), Line(people["name"], "heading"), *facts)
 
 
 @dataclass(frozen=True)
@@ -253,8 +250,7 @@ def design(
     estimates: Path | None = None,
 ) -> None:
     """Design forcing functions for small errors, within limits on error and control."""
-    from pilotid.datasets.design import design as designed
-    from pilotid.datasets.design import scenario_of_fit, write_files
+    from pilotid.datasets import design as designs
     from pilotid.report.design import error_table, sentences, write_report
 
     read = [Path(path) for path in (scenario, estimates) if path is not None]
@@ -263,9 +259,9 @@ def design(
     if not isinstance(chosen, datasets.Scenario) or chosen.violation is not None:
         raise InputError(f"{chosen.name}: a design is for one sound loop; name a scenario")
     if estimates is not None:
-        chosen = scenario_of_fit(estimates, chosen if scenario else None)
-    made = designed(chosen, minimise, options.numbers_in("--limit", limit))
+        chosen = designs.scenario_of_fit(estimates, chosen if scenario else None)
+    made = designs.design(chosen, minimise, options.numbers_in("--limit", limit))
     command = shlex.join(options.TYPED)
-    write_files(out, made, {"pilotid": metadata.version("pilotid"), "command": command})
+    designs.write_files(out, made, {"pilotid": metadata.version("pilotid"), "command": command})
     page = write_report(out, made, command)
     show(make_console(), error_table(made), *sentences(made), f"report: {page}")

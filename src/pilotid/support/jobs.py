@@ -96,7 +96,7 @@ def run_tasks(
         return
     available = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))
     count = min(workers or len(available(0)), len(tasks))
-    chosen = _processes(count, seconds) if scheduler is None else _cluster(scheduler)
+    chosen = _processes(count) if scheduler is None else _cluster(scheduler)
     remaining, running = iter(tasks), dict[Future[Any], Task]()
     with chosen as pool:
         while True:
@@ -141,7 +141,7 @@ def about_this(seed: int) -> dict[str, str]:
 
 
 @contextmanager
-def _processes(workers: int, seconds: float | None) -> Iterator[Workers]:
+def _processes(workers: int) -> Iterator[Workers]:
     """Processes of this machine."""
     from pebble import ProcessExpired, ProcessPool
 
