@@ -14,11 +14,7 @@ import pytest
 from matlab_files import USERBLOCK, save_v73
 from scipy.io import savemat
 
-from pilotid.recording.files import (
-    Reading,
-    load_recording,
-    save_recording,
-)
+from pilotid.recording.files import Reading, load_recording, save_recording
 from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.support.types import FloatArray, InputError
 
@@ -308,6 +304,7 @@ REFUSED: list[tuple[str, Writer, list[str]]] = [
 REFUSED_LINES: list[tuple[list[str], list[str]]] = [
     (replaced(5, "0.15,abc,0,0"), ["line 5, column e: 'abc' is no finite number"]),
     (replaced(5, ""), ["line 5 has 0 cells"]),
+    ([*rows()[:5], *[",,,"] * 100_000, *rows()[5:]], ["line 6, column u: ''"]),
     (replaced(5, '0.15,"0,0,0'), ["line 5 has 0 cells"]),
     (replaced(5, "0.05,0,0,0"), ["run 1, from 0 s on, has a step of 0.15 s behind 0.05 s"]),
     (rows()[:9] + rows()[10:], ["a step of 0.1 s behind 0.35 s"]),

@@ -100,7 +100,7 @@ def test_a_store_of_another_format_is_refused(tmp_path: Path) -> None:
 def test_the_store_of_an_analysis_is_none_of_a_study(tmp_path: Path) -> None:
     Rows(tmp_path, create=True).close()
     for create in (False, True):
-        with pytest.raises(InputError, match="no such store"):
+        with pytest.raises(InputError, match="of another command"):
             Store(tmp_path, create=create)
 
 

@@ -168,17 +168,20 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
     these with a name for each column is the header itself if numbers follow at once.  Names that
     end in ``...`` stand for as many as there are columns.
     """
-    every = [*enumerate(re.sub(r"(\n[,; \t]*)+$", "", text).split("\n"), start=1)]
+    every = [*enumerate(text.split("\n"), start=1)]
     lines = [(n, line) for n, line in every if not line.lstrip().startswith(COMMENT)]
     while len(lines) > 1 and not lines[0][1].strip():
         del lines[0]
+    while len(lines) > 1 and not lines[-1][1].strip(",; \t"):
+        del lines[-1]
     first, header = lines[0] if lines else (1, "")
     separator = _separator(header)
     rows = [(n, _cells(line, separator)) for n, line in lines] or [(1, [""])]
     if re.match(NUMBER, header):
         for _, line in reversed(every[: first - 1]):
-            names = _cells(line.strip("#% \t").removesuffix(MORE), separator)
-            if len(names) == len(rows[0][1]) or line.endswith(MORE):
+            comment = line.strip("#% \t")
+            names = _cells(comment.removesuffix(MORE), separator)
+            if len(names) == len(rows[0][1]) or comment.endswith(MORE):
                 return [(0, names + names[-1:] * (len(rows[0][1]) - len(names))), *rows]
     return rows
 
