@@ -42,6 +42,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimate.estimate import Estimate, Outcome
+from pilotid.estimate.loops import are_pilots
 from pilotid.estimate.quantities import AnalysedBand, FrequencyResponse
 from pilotid.estimate.warnings import lines_objection
 from pilotid.likelihood.second_step import second_step
@@ -49,7 +50,7 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import minimise, search
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
-from pilotid.spectral.equations import Equations, are_pilots, best_pilot
+from pilotid.spectral.equations import Equations, best_pilot
 
 
 @dataclass(frozen=True)

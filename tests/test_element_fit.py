@@ -221,7 +221,7 @@ def test_numbers_are_rounded_to_their_errors() -> None:
     assert rounded(np.array([2973.0, 0.0]), np.diag([86.0**2, 1e-8])).tolist() == [3000.0, 0.0]
 
 
-@pytest.mark.parametrize("form", FORMS, ids=repr)
+@pytest.mark.parametrize("form", FORMS, ids=str)
 def test_a_form_is_the_element_of_its_name_and_tells_its_error(form: Form) -> None:
     values = np.random.default_rng(3).uniform(1.0, 4.0, form.size).round(4)
     element = element_named(form.name(values))
@@ -230,8 +230,8 @@ def test_a_form_is_the_element_of_its_name_and_tells_its_error(form: Form) -> No
     of_form = ControlledElement(tuple(top), tuple(bottom), values[-1])
     np.testing.assert_allclose(of_form.response(WIDE), element.response(WIDE), rtol=1e-12)
     # A gain alone that is uncertain makes the response as uncertain.
-    covariance = np.zeros((len(values), len(values)))
-    covariance[0, 0] = (0.01 * values[0]) ** 2
+    gain = np.where(np.arange(form.size) <= form.zeros, values, 0.0)
+    covariance = 0.01**2 * np.outer(gain, gain)
     fit = FormFit(form, values, covariance, 0.0, np.zeros(1), 100.0)
     np.testing.assert_allclose(fit.error_at(OMEGA), 0.01, rtol=1e-5)
     covariance[-1, -1] = 0.02**2  # a delay turns by omega times its error
@@ -245,7 +245,8 @@ def test_a_form_is_the_element_of_its_name_and_tells_its_error(form: Form) -> No
         (Form(0), (4.0, 0.0), "4"),
         (Form(2), (0.00012, 0.05), "0.00012exp(-0.05s)/s^2"),
         (Form(0, 2), (64.0, 11.0, -64.0, 0.0), "64/(s^2+11s-64)"),
-        (Form(1, 1, zero=True), (-3e-12, -2.0, 5.4, 0.0), "-3e-12(s-2)/(s(s+5.4))"),
+        (Form(1, 1, zeros=1), (-3e-12, 6e-12, 5.4, 0.0), "(-3e-12s+6e-12)/(s^2+5.4s)"),
+        (Form(0, 1, zeros=1), (1.0, 2.0, 1.0, 0.1), "(s+2)exp(-0.1s)/(s+1)"),
     ],
 )
 def test_the_name_of_a_form_is_short(form: Form, values: tuple[float, ...], name: str) -> None:

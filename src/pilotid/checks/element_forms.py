@@ -1,26 +1,24 @@
-"""Forms of controlled elements, and one of them fitted to windowed spectra."""
+"""Forms of controlled elements, fitted to windowed spectra by maximum likelihood."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
 from pilotid.model.element import ControlledElement
 from pilotid.recording.recording import Recording, remembered
-from pilotid.support.limits import ELEMENT
+from pilotid.solve.least_squares import Box, minimise
 from pilotid.support.types import ComplexArray, FloatArray, IntArray
 
-DIFFERENCE = 1e-7  # relative step of the differences
 
-
-@dataclass(frozen=True)
-class Form:
-    """K (s + z) e^{-delay s} / (s^k (s^d + a1 s^(d-1) + ..)), with a zero or without.
+class Form(NamedTuple):
+    """(b0 s + b1) e^{-delay s} / (s^k (s^d + a1 s^(d-1) + ..)), or b0 alone above.
 
     Attributes
     ----------
@@ -28,54 +26,47 @@ class Form:
         k.
     free
         Degree d of the free polynomial.
-    zero
-        Whether there is a zero.
+    zeros
+        Degree of the numerator, 0 or 1.
     """
 
     integrators: int
     free: int = 0
-    zero: bool = False
+    zeros: int = 0
 
     @property
     def size(self) -> int:
-        """Number of its parameters: K, z if it has a zero, a1 and on, and the delay."""
-        return 2 + self.zero + self.free
+        """Number of its parameters: b0 and on, a1 and on, and the delay."""
+        return 2 + self.zeros + self.free
 
     def polynomials(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Numerator and denominator, highest power first."""
-        begin = 1 + self.zero
-        top = values[0] * np.array([1.0, *values[1:begin]])
-        return top, np.array([1.0, *values[begin:-1], *np.zeros(self.integrators)])
-
-    def response(self, values: FloatArray, omega: FloatArray) -> ComplexArray:
-        """Frequency response at `omega` [rad/s], shape (n,)."""
-        s, (top, bottom) = 1j * omega, self.polynomials(values)
-        return np.asarray(np.polyval(top, s) / np.polyval(bottom, s) * np.exp(-values[-1] * s))
+        begin = 1 + self.zeros
+        return values[:begin], np.array([1.0, *values[begin:-1], *np.zeros(self.integrators)])
 
     def name(self, values: FloatArray) -> str:
         """Its text with numbers, which `element_named` reads; the delay is not negative."""
-        powers = ["", "s", "s^2", "s^3"]
-        gain, *signed, delay = (f"{value:{'+' if i else ''}.6g}" for i, value in enumerate(values))
-        zero = f"(s{signed.pop(0)})" if self.zero else ""
-        terms = [f"{a}{powers[self.free - n]}" for n, a in enumerate(signed, 1)]
-        free = f"({powers[self.free]}{''.join(terms)})" if self.free else ""
-        bottom = powers[self.integrators] + free
-        if self.integrators and free:
-            bottom = f"({bottom})"
-        late = f"exp(-{delay[1:]}s)" if values[-1] else ""
-        return f"{gain}{zero}{late}" + (bottom and f"/{bottom}")
+        top, bottom = (_written(polynomial.tolist()) for polynomial in self.polynomials(values))
+        late = f"exp(-{values[-1]:.6g}s)" if values[-1] else ""
+        return f"{top}{late}/{bottom}".removesuffix("/1")
+
+
+def _written(polynomial: list[float]) -> str:
+    """A polynomial as users write it, in brackets if it is a sum."""
+    terms = []
+    for power, value in zip(reversed(range(len(polynomial))), polynomial, strict=True):
+        number = "+" if power and value == 1.0 else f"{value:+.6g}"
+        if value:
+            terms.append(number + ("", "s", "s^2", "s^3")[power])
+    text = "".join(terms).removeprefix("+")
+    return f"({text})" if len(terms) > 1 else text
 
 
 #: Those of up to three poles, from the fewest parameters on.
 FORMS = sorted(
-    (
-        Form(k, d, zero)
-        for k, d, zero in product(range(3), range(4), (False, True))
-        if zero <= k + d <= 3
-    ),
+    (Form(k, d, z) for k, d, z in product(range(3), range(4), range(2)) if z <= k + d <= 3),
     key=lambda form: form.size,
 )
-
 
 #: Relative error below which two responses count as one: nobody misses it, and few recordings
 #: are better than that, as signals are held, integrated and stored.
@@ -83,11 +74,11 @@ UNNOTICED = 5e-3
 NOISY = 0.05  # share of x in a band that nothing explains, from which v or x is noisy there
 BANDS = 8  # of frequency, each with a level of noise of its own
 OBSERVATIONS = 10.0  # independent observations from which a level of noise is told
-ITERATIONS = 25
+LINEAR_STEPS, ITERATIONS = 3, 25
 LAST_GAIN = 0.03  # of -2 log-likelihood that the last step gains
-LONGEST_DELAY = 0.6  # s, of a delay
-SHORT_DELAY = 0.05  # s, of a delay that a search from none may miss with a simpler form
-EARLIEST_DELAY = -0.15  # s: x may be stored that much ahead of u
+#: s, of a delay: x may be stored ahead of u.
+EARLIEST_DELAY, LONGEST_DELAY = -0.15, 0.6
+DELAYS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s, that searches begin with
 #: The spectrum of the window sin^4(pi t/T), at multiples of 2 pi / T: its derivatives up to the
 #: third vanish at the ends, enough for equations of order 4.
 WINDOW = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 16.0
@@ -100,6 +91,95 @@ BIN_STEP = 2
 INDEPENDENT = BIN_STEP * (35.0 / 128.0) ** 2 / (6435.0 / 32768.0)
 #: A constant offset reaches the bins below.
 FIRST_BIN = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """Windowed spectra of an input v and an output x of unit size; runs and bins in one row.
+
+    As no end of a run shows in the window, the spectrum of a derivative in it is the sum of the
+    spectrum times powers of j omega over neighbouring bins, and a delay turns each of them.
+
+    Attributes
+    ----------
+    gain
+        Size of x over that of v, as recorded.
+    neighbours
+        Frequencies of the bins that are summed, less that of the bin [rad/s], shape (5,).
+    omega
+        Frequencies [rad/s], shape (n,).
+    powers
+        Powers of j omega, shape (`HIGHEST` + 1, n).
+    given
+        Of the derivatives of v, as summands, shape (`HIGHEST` + 1, 5, n).
+    output
+        Of the derivatives of x, shape (`HIGHEST` + 1, n).
+    fine
+        The band of every observation, even in the logarithm of frequency, shape (n,).
+    wide
+        The same with enough observations in each to tell a level of noise.
+    size
+        Mean power of the output in each fine band.
+    count
+        Independent complex observations in each fine band.
+    """
+
+    gain: float
+    neighbours: FloatArray
+    omega: FloatArray
+    powers: ComplexArray
+    given: ComplexArray
+    output: ComplexArray
+    fine: IntArray
+    wide: IntArray
+    size: FloatArray
+    count: FloatArray
+
+    def inputs(self, count: int, delay: float) -> ComplexArray:
+        """The first derivatives of v(t - delay), shape (count, n)."""
+        turn = np.exp(-1j * delay * self.neighbours)[:, None]
+        turned = np.sum(turn * self.given[:count], axis=1)
+        return np.asarray(turned * np.exp(-1j * delay * self.omega))
+
+    def rows(self, form: Form, values: FloatArray, divisor: float = 1.0) -> ComplexArray:
+        """Slopes of the output by a form's values, and below what is left, shape (size + 1, n).
+
+        With `divisor` 0 the denominator that the equation is divided by counts as held.
+        """
+        top, bottom = form.polynomials(values)
+        poles = slice(form.integrators, form.integrators + form.free)
+        below = bottom[::-1] @ self.powers[: len(bottom)]
+        inputs = self.inputs(len(top) + 1, values[-1])
+        left = bottom[::-1] @ self.output[: len(bottom)] - top[::-1] @ inputs[:-1]
+        by_pole = divisor * left / below * self.powers[poles] - self.output[poles]
+        by_delay = -top[::-1] @ inputs[1:]
+        return np.array([*inputs[-2::-1], *by_pole[::-1], by_delay, left]) / below
+
+    def unexplained(self, element: ControlledElement) -> float:
+        """Largest share of the output's amplitude in a band that an element leaves.
+
+        It is infinite for an element of a higher order than the window allows.
+        """
+        top, bottom = np.array(element.numerator) / self.gain, np.array(element.denominator)
+        if len(bottom) > len(self.output):
+            return math.inf
+        left = bottom[::-1] @ self.output[: len(bottom)]
+        left -= top[::-1] @ self.inputs(len(top), element.delay)
+        left /= bottom[::-1] @ self.powers[: len(bottom)]
+        return math.sqrt(float((power(left, self.fine) / self.size).max()))
+
+    def level(self, left: ComplexArray, exact: FloatArray | float = UNNOTICED**2) -> FloatArray:
+        """Variance of the noise at each observation, with a share of power that counts as exact."""
+        return np.asarray(power(left, self.wide)[self.wide] + (exact * self.size)[self.fine])
+
+    def mean_log(self, level: FloatArray) -> float:
+        """Mean logarithm of levels of noise in shares of the output."""
+        return float(np.mean(np.log(level / self.size[self.fine])))
+
+
+def power(signal: ComplexArray, band: IntArray) -> FloatArray:
+    """Mean power in each band."""
+    return np.bincount(band, signal.real**2 + signal.imag**2) / np.bincount(band)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,170 +209,74 @@ class FormFit:
 
     def error_at(self, omega: FloatArray) -> FloatArray:
         """Relative standard error of the frequency response at `omega` [rad/s], shape (n,)."""
-        here = self.form.response(self.values, omega)
-        slopes = _slopes(lambda values: self.form.response(values, omega), self.values, here) / here
+        s, (integrators, free, zeros) = 1j * omega, self.form
+        top, bottom = (np.polyval(p, s) for p in self.form.polynomials(self.values))
+        by_top = [s**n / top for n in reversed(range(zeros + 1))]
+        by_bottom = [-(s ** (n + integrators)) / bottom for n in reversed(range(free))]
+        slopes = np.array([*by_top, *by_bottom, -s])
         variance = np.einsum("in,ij,jn->n", slopes.conj(), self.covariance, slopes)
         return np.asarray(np.sqrt(np.abs(variance)))
 
 
-def _slopes(
-    function: Callable[[FloatArray], ComplexArray], values: FloatArray, here: ComplexArray
-) -> ComplexArray:
-    """Differences of a function by each of its values, shape (values, n); `here` it is at them."""
-    steps = DIFFERENCE * np.maximum(np.abs(values), 1e-2) * np.eye(len(values))
-    return np.array([(function(values + step) - here) / step.sum() for step in steps])
-
-
-@dataclass(frozen=True, eq=False)
-class Spectra:
-    """Windowed spectra of an input v and an output x of unit size; runs and bins in one row.
-
-    As no end of a run shows in the window, the spectrum of a derivative in it is the sum of the
-    spectrum times powers of j omega over neighbouring bins, and a delay turns each of them.
-
-    Attributes
-    ----------
-    gain
-        Size of x over that of v, as recorded.
-    neighbours
-        Frequencies of the bins that are summed, less that of the bin [rad/s], shape (5,).
-    omega
-        Frequencies [rad/s], shape (n,).
-    given
-        Of the derivatives of v, as summands, shape (`HIGHEST` + 1, 5, n).
-    output
-        Of the derivatives of x, shape (`HIGHEST` + 1, n).
-    fine
-        The band of every observation, even in the logarithm of frequency, shape (n,).
-    wide
-        The same with enough observations in each to tell a level of noise.
-    size
-        Mean power of the output in each fine band.
-    count
-        Independent complex observations in each fine band.
-    doubtful
-        Share by which the response may be off in each fine band, however long the recording is.
-    """
-
-    gain: float
-    neighbours: FloatArray
-    omega: FloatArray
-    given: ComplexArray
-    output: ComplexArray
-    fine: IntArray
-    wide: IntArray
-    size: FloatArray
-    count: FloatArray
-    doubtful: FloatArray | float = 0.0
-
-    def answer(self, top: FloatArray, delay: float) -> ComplexArray:
-        """Of top(s) v(t - delay), highest power first, shape (n,)."""
-        turned = np.outer(top[::-1], np.exp(-1j * delay * self.neighbours))
-        answer = np.tensordot(turned, self.given[: len(top)], 2)
-        return np.asarray(answer * np.exp(-1j * delay * self.omega))
-
-    def residual(self, top: FloatArray, bottom: FloatArray, delay: float) -> ComplexArray:
-        """What an element leaves of the output, shape (n,)."""
-        left = bottom[::-1] @ self.output[: len(bottom)] - self.answer(top, delay)
-        return np.asarray(left / np.polyval(bottom, 1j * self.omega))
-
-    def unexplained(self, element: ControlledElement) -> float:
-        """Largest share of the output's amplitude in a band that an element leaves.
-
-        It is infinite for an element of a higher order than the window allows.
-        """
-        top, bottom = np.array(element.numerator) / self.gain, np.array(element.denominator)
-        if len(bottom) > len(self.output):
-            return math.inf
-        left = power(self.residual(top, bottom, element.delay), self.fine)
-        return math.sqrt(float((left / self.size).max()))
-
-    def level(self, residual: ComplexArray, exact: FloatArray | float = 1.0) -> FloatArray:
-        """Variance of the noise at each observation, with so often what counts as exact."""
-        share = UNNOTICED**2 * exact + np.square(self.doubtful) * self.count
-        return np.asarray(power(residual, self.wide)[self.wide] + (share * self.size)[self.fine])
-
-    def cost(self, level: FloatArray) -> float:
-        """-2 log-likelihood, the levels at their best."""
-        return float(2.0 * INDEPENDENT * np.sum(np.log(level / self.size[self.fine])))
-
-
-def power(signal: ComplexArray, band: IntArray) -> FloatArray:
-    """Mean power in each band."""
-    return np.bincount(band, signal.real**2 + signal.imag**2) / np.bincount(band)
-
-
 def _start(spectra: Spectra, form: Form, delay: float) -> FloatArray:
     """By linear least squares, the equation divided by the last denominator."""
-    s = 1j * spectra.omega
-    *outputs, goal = spectra.output[form.integrators : form.integrators + form.free + 1]
-    inputs = [spectra.answer(np.eye(1 + n)[0], delay) for n in range(form.zero, -1, -1)]
-    rows = np.array([*inputs, *(-output for output in reversed(outputs)), goal])
-    below = (1.0 + s / 3.0) ** form.free * s**form.integrators
-    for _ in range(5 if form.free else 1):
-        weighted = rows / (np.sqrt(spectra.size)[spectra.fine] * np.abs(below))
-        table = np.concatenate([weighted.real, weighted.imag], axis=1)
-        top, free = np.split(np.linalg.lstsq(table[:-1].T, table[-1])[0], [1 + form.zero])
-        below = np.polyval([1.0, *free], s) * s**form.integrators
-    return np.concatenate([top[:1], top[1:] / top[0], free, [delay]])
+    poles = np.atleast_1d(np.poly([-3.0] * form.free))[1:]
+    values = np.array([*np.zeros(1 + form.zeros), *poles, delay])
+    for _ in range(LINEAR_STEPS if form.free else 1):
+        rows = spectra.rows(form, values, 0.0) / np.sqrt(spectra.size)[spectra.fine]
+        *table, goal = np.delete(rows, -2, axis=0).view(float)
+        values[:-1] += np.linalg.lstsq(np.transpose(table), goal)[0]
+    return values
 
 
-def fitted_form(spectra: Spectra, form: Form, delay: float = 0.0) -> FormFit:
-    """The most likely parameters of a form, by damped Gauss-Newton steps.
+def fitted_form(spectra: Spectra, form: Form) -> FormFit:
+    """The most likely parameters of a form.
 
-    Levels of the noise follow the residual from step to step, which makes the least of the
-    concentrated likelihood.
-
-    Parameters
-    ----------
-    spectra, form
-        What is fitted to what.
-    delay
-        From which the search starts [s].
+    Levels of the noise are at their best for every residual: the likelihood is the concentrated
+    one, and the mean logarithm of the levels is what its least squares minimise.
 
     Raises
     ------
     LinAlgError
         If the form's numbers are beyond measure: it is no form for the recording.
     """
+    observations = spectra.omega.size
 
-    def residual(values: FloatArray) -> ComplexArray:
-        return spectra.residual(*form.polynomials(values), values[-1])
+    def cost(values: FloatArray) -> float:
+        return spectra.mean_log(spectra.level(spectra.rows(form, values)[-1]))
 
-    def normal(level: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient and information of half the weighted sum of squares."""
-        slopes = _slopes(residual, values, left)
-        scaled = (slopes / level).conj()
-        return np.real(scaled @ left), np.real(scaled @ slopes.T)
+    def gram(sets: FloatArray) -> FloatArray:
+        grams = np.empty((len(sets), form.size + 1, form.size + 1))
+        for values, products in zip(sets, grams, strict=True):
+            rows = spectra.rows(form, values)
+            level = spectra.level(rows[-1])
+            table = (rows / np.sqrt(level)).view(float)
+            products[:] = table @ table.T
+            products[-1, -1] = observations  # the squares that levels at their best leave
+            products *= math.exp(spectra.mean_log(level))
+        return grams
 
-    values, damping = _start(spectra, form, delay), 1e-4
-    left = residual(values)
-    level = spectra.level(left)
-    for _ in range(ITERATIONS):
-        (gradient, information), gain = normal(level), 0.0
-        while damping < 1e4 and not gain > 0.0:
-            damped = information + damping * np.diag(np.diag(information))
-            trial = values - np.linalg.solve(damped, gradient)
-            trial[-1] = np.clip(trial[-1], EARLIEST_DELAY, LONGEST_DELAY)
-            there = residual(trial)
-            gain = spectra.cost(level) - spectra.cost(spectra.level(there))
-            damping *= 0.1 if gain > 0.0 else 10.0
-        if gain > 0.0:
-            values, left, level = trial, there, spectra.level(there)
-        if not gain > LAST_GAIN:
-            break
-    # What counts as exact is no noise that averages out over a band: its error is one.
-    _, information = normal(spectra.level(left, spectra.count))
-    covariance = np.asarray(np.linalg.inv(information)) / (2.0 * INDEPENDENT)
-    criterion = spectra.cost(level) + form.size * float(np.log(2.0 * spectra.count.sum()))
-    finite = np.isfinite([criterion, *values]).all() and (np.diag(covariance) > 0.0).all()
-    if not finite:
-        raise np.linalg.LinAlgError
-    unit = np.array([spectra.gain, *np.ones(form.size - 1)])
+    start = min((_start(spectra, form, delay) for delay in DELAYS), key=cost)
+    lower, upper = np.full((2, form.size), [[-np.inf], [np.inf]])
+    lower[-1], upper[-1] = EARLIEST_DELAY, LONGEST_DELAY
+    tolerance = LAST_GAIN / (2.0 * INDEPENDENT * observations)
+    space = Box(lower, upper, np.zeros(form.size, dtype=bool))
+    ends = minimise(gram, start[None], space, tolerance=tolerance, iterations=ITERATIONS)
+    values = ends.values[0]
+    *slopes, left = spectra.rows(form, values)
     unexplained = power(left, spectra.fine) / spectra.size
-    explained = 100.0 * max(
-        0.0, 1.0 - np.average(unexplained, weights=spectra.count * spectra.size)
-    )
+    # What counts as exact is no noise that averages out over a band: its error is one.  Noise in v,
+    # such as fast remnant that sampling folds down, makes the response smaller by the share left.
+    exact = UNNOTICED**2 + np.where(unexplained > NOISY, unexplained, 0.0) ** 2
+    table = (slopes / np.sqrt(spectra.level(left, exact * spectra.count))).view(float)
+    covariance = np.linalg.inv(table @ table.T) / (2.0 * INDEPENDENT)
+    criterion = 2.0 * INDEPENDENT * observations * cost(values)
+    criterion += form.size * math.log(2.0 * spectra.count.sum())
+    if not (np.isfinite([criterion, *values]).all() and (np.diag(covariance) > 0.0).all()):
+        raise np.linalg.LinAlgError
+    unit = np.where(np.arange(form.size) <= form.zeros, spectra.gain, 1.0)
+    weights = spectra.count * spectra.size
+    explained = 100.0 * max(0.0, 1.0 - float(np.average(unexplained, weights=weights)))
     covariance *= np.outer(unit, unit)
     return FormFit(form, values * unit, covariance, criterion, unexplained, explained)
 
@@ -308,17 +292,26 @@ def spectra_of(recording: Recording) -> Spectra:
     last = min(int(HIGHEST_FREQUENCY / base), int(0.4 * samples))
     bins, near = np.arange(FIRST_BIN, last + 1, BIN_STEP), np.arange(5) - 2
     s = 1j * base * np.tile(bins + near[:, None], runs)
+    powers = s ** np.arange(HIGHEST + 1)[:, None, None]
     drive, summands = (
         np.fft.rfft(signal)[:, bins + near[:, None]].swapaxes(0, 1).reshape(s.shape)
         * WINDOW[:, None]
-        * s ** np.arange(HIGHEST + 1)[:, None, None]
+        * powers
         for signal in (given / size, output / answer)
     )
-    omega = s[2].imag
+    omega, known = s[2].imag, summands.sum(axis=1)
     fine, wide = (_bands(omega, fewest) for fewest in (1.0, OBSERVATIONS / INDEPENDENT))
-    known, count = summands.sum(axis=1), INDEPENDENT * np.bincount(fine).astype(float)
     return Spectra(
-        answer / size, base * near, omega, drive, known, fine, wide, power(known[0], fine), count
+        gain=answer / size,
+        neighbours=base * near,
+        omega=omega,
+        powers=powers[:, 2],
+        given=drive,
+        output=known,
+        fine=fine,
+        wide=wide,
+        size=power(known[0], fine),
+        count=INDEPENDENT * np.bincount(fine).astype(float),
     )
 
 
@@ -345,29 +338,12 @@ def drive_of(recording: Recording) -> FloatArray:
 
 @remembered
 def fits_of(recording: Recording) -> tuple[FormFit, ...]:
-    """Forms fitted to the measurement window of a recording.
-
-    Noise in v, such as fast remnant that sampling folds down, makes the response smaller by the
-    share of x that nothing explains.
-    """
-    spectra = spectra_of(recording)
-    fits = _fits(spectra, 0.0)
-    if fits and (best := simplest(fits)).explained >= ELEMENT.sound:
-        doubtful = np.where(best.unexplained > NOISY, best.unexplained, 0.0)
-        if doubtful.any():
-            spectra = replace(spectra, doubtful=doubtful)
-            fits = _fits(spectra, 0.0)
-    delay = float(simplest(fits).values[-1]) if fits else 0.0
-    return (*fits, *(_fits(spectra, delay) if delay > SHORT_DELAY else ()))
-
-
-def _fits(spectra: Spectra, delay: float) -> list[FormFit]:
-    """Forms from the simplest on, up to where one describes the recording."""
-    fits: list[FormFit] = []
+    """Forms fitted to the measurement window, the simplest first, up to one that describes it."""
+    spectra, fits = spectra_of(recording), list[FormFit]()
     for form in FORMS:
         good = (f for f in fits if f.unexplained.max() <= UNNOTICED**2)
         if any(fit.form.size < form.size for fit in good):
             break
         with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
-            fits.append(fitted_form(spectra, form, delay))
-    return fits
+            fits.append(fitted_form(spectra, form))
+    return tuple(fits)

@@ -96,7 +96,8 @@ def answered(spectra: Spectra, element: ControlledElement) -> Answered | None:
     if len(bottom) > len(spectra.output):
         return None
     output = bottom[::-1] @ spectra.output[: len(bottom)]
-    ratio, omega = output / spectra.answer(top, element.delay), spectra.omega
+    ratio = output / (top[::-1] @ spectra.inputs(len(top), element.delay))
+    omega = spectra.omega
     unit = ratio / np.abs(ratio)
     times = np.arange(-LATEST, LATEST, 0.01)
     late = float(times[np.argmax(np.real(np.exp(1j * np.outer(times, omega)) @ (omega * unit)))])

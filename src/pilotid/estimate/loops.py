@@ -20,6 +20,7 @@ from pilotid.model.element import ControlledElement
 from pilotid.model.loops import (
     GRID,
     Margin,
+    are_stable,
     crossings,
     is_stable,
     loop_slopes,
@@ -30,7 +31,7 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.support.limits import ESTIMATE, SIGNAL
 from pilotid.support.remarks import Remark, remarks_json
-from pilotid.support.types import ComplexArray, FloatArray
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 
 NAMES = ("target", "disturbance")
 UNITS = {"crossover": "rad/s", "phase_margin": "deg", "effective_delay": "s"}
@@ -121,6 +122,15 @@ def stabilised_element(
     """
     element = closing_element(recording)
     return element if element and is_stable(model, values, element) else None
+
+
+def are_pilots(recording: Recording, model: PilotModel, sets: FloatArray) -> BoolArray:
+    """Which parameters can be those of a pilot, as the recorded loop was stable; shape (sets,).
+
+    All can be where no controlled element is known or the model has no loop.
+    """
+    element = None if model.no_loop else closing_element(recording)
+    return np.ones(len(sets), dtype=bool) if element is None else are_stable(model, sets, element)
 
 
 # ------------------------------------------------------------------ to first order

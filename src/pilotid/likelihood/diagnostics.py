@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.checks.detectors import is_resampled, step_of
+from pilotid.checks.detectors import band_end, is_resampled, step_of
 from pilotid.checks.element_fit import closing_element
 from pilotid.checks.plant import element_changes, is_gain
 from pilotid.estimate.estimate import Estimate, Outcome, is_at_bound
@@ -281,7 +281,9 @@ def specification(
         information = np.linalg.inv(covariance)[np.ix_(free, free)]
         covariance = np.zeros_like(covariance)
         covariance[np.ix_(free, free)] = np.linalg.inv(information)
-    tested = specification_of(recording, model, values, covariance, optimum.remnant)
+    tested = specification_of(
+        recording, model, values, covariance, optimum.remnant, band_end(recording)
+    )
     if tested or bounded:
         return tested
     return specification_by_instruments(optimum, recording, values, covariance, against)

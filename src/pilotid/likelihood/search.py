@@ -24,6 +24,7 @@ from operator import attrgetter
 import numpy as np
 
 from pilotid.estimate.estimate import Starts, is_at_bound
+from pilotid.estimate.loops import are_pilots
 from pilotid.estimate.warnings import lines_objection
 from pilotid.likelihood.band_likelihood import weighting_of
 from pilotid.likelihood.likelihood import Likelihood
@@ -54,7 +55,7 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.intervals import with_information
 from pilotid.solve.least_squares import Minima, draw_starts, minimise, search, solve_linear
-from pilotid.spectral.equations import are_pilots, fit_lines
+from pilotid.spectral.equations import fit_lines
 from pilotid.support.types import FloatArray
 
 #: Narrow and cheap band in which the first pilot of a white residual is searched [rad/s], and

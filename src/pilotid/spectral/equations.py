@@ -15,12 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
-from pilotid.checks.detectors import band_end
-from pilotid.checks.element_fit import closing_element
 from pilotid.estimate.estimate import is_at_bound
+from pilotid.estimate.loops import are_pilots
 from pilotid.estimate.quantities import RemnantEstimate, Specification, score_test, spans_decade
 from pilotid.estimate.warnings import lines_objection
-from pilotid.model.loops import are_stable
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
@@ -28,7 +26,7 @@ from pilotid.solve.least_squares import Minima, Problem, minimise, search, solve
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95, covariance_of
-from pilotid.support.types import BoolArray, ComplexArray, FloatArray
+from pilotid.support.types import ComplexArray, FloatArray
 
 #: Share of the inputs' power at a line that must be no noise of the recorder.
 CLEAR = 0.95
@@ -153,15 +151,6 @@ def fit_lines(
     return fit
 
 
-def are_pilots(recording: Recording, model: PilotModel, sets: FloatArray) -> BoolArray:
-    """Which parameters can be those of a pilot, as the recorded loop was stable; shape (sets,).
-
-    All can be where no controlled element is known or the model has no loop.
-    """
-    element = None if model.no_loop else closing_element(recording)
-    return np.ones(len(sets), dtype=bool) if element is None else are_stable(model, sets, element)
-
-
 def best_pilot(recording: Recording, model: PilotModel, ends: Minima) -> Minima:
     """The best end of a search whose loop is stable, or the best of all if none is."""
     pilots = (k for k, end in enumerate(ends.values) if are_pilots(recording, model, end[None])[0])
@@ -256,6 +245,7 @@ def specification_of(
     values: FloatArray,
     covariance: FloatArray,
     remnant: RemnantEstimate,
+    highest: float,
 ) -> Specification | None:
     """An efficient estimate tested against what the lines alone say; None without enough lines.
 
@@ -273,6 +263,8 @@ def specification_of(
         The estimate, shapes (parameters,) and (parameters, parameters).
     remnant
         The remnant's spectrum as it was estimated.
+    highest
+        Frequency up to which the recorder left something of the signals [rad/s].
     """
     if model.changes or lines_objection(recording, model):
         return None
@@ -284,7 +276,7 @@ def specification_of(
     floors = floors_of(recording)
     inputs = tuple(dict.fromkeys(channel.on for channel in model.channels))
     clear = np.interp(omega, floors.omega, floors.share(inputs)) >= CLEAR
-    clear &= omega <= min(band_end(recording), remnant.omega[-1])
+    clear &= omega <= min(highest, remnant.omega[-1])
     power = np.where(clear, power, np.inf)
     equations = Equations(lines, model, power, removed=1.0, fitted=values)
     gram = equations.gram(values[None])[0]
