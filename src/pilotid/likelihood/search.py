@@ -51,6 +51,7 @@ from pilotid.likelihood.remnant_models import (
     lagged_products,
     neighbours,
 )
+from pilotid.model.factors import Lag, Lead
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.intervals import with_information
@@ -147,8 +148,8 @@ def maximise_likelihood(
         if len(terms) == len(before) and np.allclose(terms, before, rtol=0.1):
             break
         prediction = replace(whole, nuisance_poles=terms)
-        pilots = [best.pilot, *(pilot for pilot, _ in others)]
-        choices = [RemnantChoice(prediction, pilot, settings.noise, check) for pilot in pilots]
+        pilots, noise = [best.pilot, *(pilot for pilot, _ in others)], best.joint.noise
+        choices = [RemnantChoice(prediction, pilot, noise, check) for pilot in pilots]
         best, others = _best_and_others([choice.full_fit() for choice in choices])
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
@@ -239,12 +240,14 @@ def _whitened(prediction: Prediction, whitener: Whitener) -> Likelihood:
     return Likelihood(replace(prediction, weighting=None), whitener)
 
 
-def with_remnants(joint: Likelihood, pilots: FloatArray) -> Minima:
+def with_remnants(
+    joint: Likelihood, pilots: FloatArray, *, tolerance: float = 3e-3, iterations: int = 12
+) -> Minima:
     """Each pilot with the remnant that it leaves, estimated together on binned spectra."""
     residuals = [joint.prediction.errors(pilot) for pilot in pilots]
     guesses = [guess_parameters(joint.noise, residual, joint.band) for residual in residuals]
     starts = np.hstack([pilots, guesses])
-    return minimise(joint.coarse.gram, starts, joint, tolerance=3e-3, iterations=12)
+    return minimise(joint.coarse.gram, starts, joint, tolerance=tolerance, iterations=iterations)
 
 
 def _rates(recording: Recording, settings: LikelihoodSettings) -> Iterator[float | None]:
@@ -325,10 +328,11 @@ def sweep(
     candidates, agreeing = optima(passed, samples, far=1000.0)
     candidates = np.concatenate([candidates, lines])
     if len(candidates) > 1:
-        rematched = with_remnants(first.joint, candidates)
+        # As exact as it takes to see that two of them are one.
+        rematched = with_remnants(first.joint, candidates, tolerance=1e-4, iterations=30)
         rematched = rematched.only(check.which(rematched))
         # Binned spectra missed 170 in deviance once (populations).
-        candidates = optima(rematched, samples, far=300.0)[0][:, : first.joint.pilot_count]
+        candidates = optima(rematched, samples, far=300.0)[0][:5, : first.joint.pilot_count]
     given_up = np.delete(rough.cost, [start for group in met for start in group])
     cost = np.sort(np.concatenate([np.repeat(ends.cost, sizes), given_up]))
     return candidates, Starts(cost / cost[0], agreeing), check
@@ -349,6 +353,10 @@ def _starts(
             for value in (low[index], *between, high[index]):
                 moved.append(best.copy())
                 moved[-1][index] = value
+    times = [i for factor, at in model.moving if isinstance(factor, Lag | Lead) for i in at]
+    if len(times) > 1:  # a slow lag with a lead is much like a fast one with another
+        moved.append(best.copy())
+        moved[-1][times] = low[times]
     moved += model.changes_elsewhere(best)
     return np.array([*moved, *draw_starts(model, rng, count), model.start])
 
@@ -397,7 +405,7 @@ def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
     """
     near = ends.only(ends.cost <= ends.cost[0] * np.exp(far / samples))
     groups = group_by_optimum(near, samples)
-    return near.values[[group[0] for group in groups[:5]]], len(groups[0]) if groups else 0
+    return near.values[[group[0] for group in groups]], len(groups[0]) if groups else 0
 
 
 # ------------------------------------------------------- 3. and 4. pilot and remnant together
