@@ -184,21 +184,19 @@ class Prediction:
         """The same with the free decay of the slowest lag, where it outlasts the pre-history.
 
         Two exponentials take up the decay and its change with the time constant, which one alone
-        would hold where it was.  A lag that is longer than the pre-history is taken for as long:
-        decays that are slower still hide what the recording tells of the lag.
+        would hold where it was.  Of a lag that is longer than the pre-history they are those of
+        once and twice that: about the lag itself they would hide what the recording tells of it.
 
         Parameters
         ----------
         values
             Parameters, shape (parameters,).
         """
-        lag = self.outlasting_lag(values)
+        lag, known = self.outlasting_lag(values), self.pre_history
         if not lag:
             return self
-        middle = min(lag, self.pre_history)
-        return replace(
-            self, nuisance_poles=(*self.nuisance_poles, -BESIDE / middle, -1.0 / (BESIDE * middle))
-        )
+        times = (lag / BESIDE, lag * BESIDE) if lag <= known else (known, 2.0 * known)
+        return replace(self, nuisance_poles=(*self.nuisance_poles, *(-1.0 / t for t in times)))
 
     @property
     def samples(self) -> int:
@@ -318,6 +316,8 @@ class Prediction:
         """
         prediction = self.with_decays(values)
         slow = prediction.nuisance_poles[len(self.nuisance_poles) :]
+        # What decays very slowly is much like an offset.
+        always = slow if self.outlasting_lag(values) <= self.pre_history else (0.0, *slow)
         poles, every = prediction.nuisance_poles, prediction.nuisance_terms
         residual = self.residual(values, taps)
         limit = chi_squared_limit(prediction.runs, ESTIMATE.noticeable)
@@ -329,7 +329,7 @@ class Prediction:
             left = residual - amplitudes @ terms.T
             variance = np.sum(left**2) / (left.size - amplitudes.size)
             squares = np.sum(amplitudes**2 / np.sum(weights**2, axis=1), axis=0) / variance
-            squares[[poles[place] in slow for place in kept]] = np.inf
+            squares[[poles[place] in always for place in kept]] = np.inf
             least = int(np.argmin(squares))
             if squares[least] > limit:
                 break
