@@ -12,7 +12,7 @@ from helpers import draws_at, estimate_at
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import identify
-from pilotid.estimate.warnings import one_signal, remarks_on
+from pilotid.estimate.warnings import all_remarks, one_signal, remarks_on
 from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.model import PilotModel
@@ -95,6 +95,18 @@ def test_a_delay_that_people_do_not_have() -> None:
     assert remark.startswith("tdvis is 0.05 s")
     assert remark.grade == "note"
     assert remarks_on(estimate_of(SINGLE, tdvis=0.11)) == ()
+
+
+@pytest.mark.parametrize("error", [0.0005, 0.02])
+@pytest.mark.parametrize("jumps", [True, False])
+def test_a_target_that_jumps_between_two_samples(jumps: bool, error: float) -> None:
+    recording = simulate(SCENARIOS["single"], np.random.default_rng(1))
+    steps = np.floor(recording.time / 7.0) % 2.0 if jumps else 0.0
+    moved = replace(recording, e=recording.e + steps, ft=recording.ft + steps)
+    remarks = all_remarks(estimate_of(SINGLE, {"tdvis": error}), moved)
+    assert [r.grade for r in remarks if r.code == "late-signal"] == ["doubt"] * (
+        jumps and error < 0.001
+    )
 
 
 def test_a_damping_that_people_do_not_have() -> None:

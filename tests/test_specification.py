@@ -15,7 +15,7 @@ from pilotid.estimate.quantities import RemnantEstimate, Specification
 from pilotid.methods import method_named
 from pilotid.model.catalogue import MODELS
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, coefficients_of
-from pilotid.spectral.equations import Equations, smoothed_power
+from pilotid.spectral.equations import Equations, smoothed_power, specification_of
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 
@@ -41,6 +41,14 @@ def test_a_model_that_lacks_a_channel_disagrees(method: str) -> None:
         "against": "fourier",
         "agrees": False,
     }
+
+
+def test_without_a_line_that_a_recorder_left_there_is_no_test() -> None:
+    estimate = fit("single", "single", 0)
+    recording = simulate(SCENARIOS["single"], np.random.default_rng(0))
+    given = estimate.model, estimate.values, estimate.covariance, estimate.remnant
+    assert specification_of(recording, *given, 0.0) is None
+    assert specification_of(recording, *given, 50.0) is not None
 
 
 def test_the_power_that_scores_are_weighed_by_is_that_of_the_remnant() -> None:

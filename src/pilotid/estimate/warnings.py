@@ -223,6 +223,8 @@ LEFT_OPEN = ("inseparable", "not-determined")
 
 
 LONGEST_TOLD = 300  # characters of remarks that a study keeps of a fit
+#: How many times those beside it, and what share of the target's rms, a step is that is a jump.
+JUMP = 10.0
 ZERO_VAF = 0.05  # %, of a VAF that is shown as 0.0 %
 
 
@@ -246,7 +248,28 @@ def all_remarks(estimate: Estimate, recording: Recording) -> tuple[Remark, ...]:
     # Without a target the likelihood can have two optima, which no reported error shows.
     why = shared_signals if is_vague(estimate) else one_signal
     shared = why(recording, estimate.model)
-    return (*said, Remark("inseparable", shared, "doubt")) if shared else said
+    both = (Remark("inseparable", shared, "doubt") if shared else None, _jumps(estimate, recording))
+    return (*said, *(remark for remark in both if remark))
+
+
+def _jumps(estimate: Estimate, recording: Recording) -> Remark | None:
+    """That nobody knows when between two samples a target jumps, where errors are far below."""
+    errors = estimate.std_error[list(estimate.model.delays)]
+    if not estimate.outcome.usable or not (errors < ESTIMATE.of_sample * recording.dt).any():
+        return None
+    target = recording.input("ft")
+    steps = np.abs(np.diff(target, axis=1))
+    beside = np.pad(steps, ((0, 0), (1, 1)))
+    jumps = steps > JUMP * np.maximum(beside[:, :-2], beside[:, 2:])
+    if not (jumps & (steps > np.std(target) / JUMP)).any():
+        return None
+    return Remark(
+        "late-signal",
+        f"the target jumps, at a sample or up to {1e3 * recording.dt:.3g} ms before it: delays are "
+        "as uncertain, which moves all other values beyond their errors; use a target that a "
+        "filter has smoothed",
+        "doubt",
+    )
 
 
 def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Remark, ...]:

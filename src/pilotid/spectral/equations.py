@@ -291,6 +291,8 @@ def specification_of(
     # In directions of which the lines tell next to nothing there is nothing to test.
     sizes, along = np.linalg.eigh(information)
     known = sizes > 1e-6
+    if not known.any():
+        return None
     root = along[:, known] / np.sqrt(sizes[known])
     variance = root.T @ expected @ root
     shares, turned = np.linalg.eigh(variance)

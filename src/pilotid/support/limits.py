@@ -100,6 +100,9 @@ class EstimateLimits(NamedTuple):
     #: in 14,000 an offset of u by a tenth of its rms moved estimates by up to 2 claimed errors.
     noticeable: float = 0.01
     misspecified: float = 1e-3  # p-value: doubt (5 of 800 sound fits)
+    of_sample: float = (
+        0.01  # error of a delay [samples] below which it matters where a target jumps
+    )
     other_optimum: float = 3.0  # standard errors by which another optimum differs
     surely_misspecified: float = 1e-4  # p-value: wrong (2 of 800 sound fits)
     #: s of all runs together from which it is tested; covariances are not good enough of less
