@@ -345,6 +345,9 @@ class Posterior:
         variance = max(float(end.cost[0]), np.finfo(float).tiny) / joint.residuals
         information = scale.inner(end.gram[:1], values)[0, :-1, :-1] / variance
         broad = np.where(joint.positive, BROAD_LOG, BROAD_LINEAR) ** -2.0
+        # At a bound the likelihood need not be a summit in every direction.
+        sizes, along = np.linalg.eigh(information)
+        information = (along * np.maximum(sizes, 0.0)) @ along.T
         covariance = np.asarray(np.linalg.inv(information + np.diag(broad)))
         return scale.enter(values)[0, : self.count], covariance[: self.count, : self.count]
 

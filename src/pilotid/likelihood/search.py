@@ -61,7 +61,7 @@ from pilotid.support.types import FloatArray
 
 #: Narrow and cheap band in which the first pilot of a white residual is searched [rad/s], and
 #: random starts that are screened there, and minimised.
-SEARCH_BAND, CANDIDATES, REFINED = 26.0, 6, 2
+SEARCH_BAND, CANDIDATES, REFINED = 26.0, 12, 4
 #: How often the remnant's model is chosen anew at most.
 ROUNDS = 3
 #: Tuned: share of the information on any parameter near the edge of the band of a loop that answers
