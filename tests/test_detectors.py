@@ -86,6 +86,25 @@ def test_a_fault_is_named_with_its_size(
     assert found.sentence.startswith((signal, "runs ", "x answers"))
 
 
+def test_a_control_in_a_small_unit_does_not_include_the_disturbance() -> None:
+    recording = recording_of("nominal", 3)
+    small = recording.with_arrays({"u": 1e-3 * recording.u})
+    assert of(small, "u", "wrong-unit").sentence.endswith("--map fd=0.001*fd")
+
+
+def test_what_a_converter_holds_in_one_run_is_not_lost() -> None:
+    time = np.arange(2000) * 0.02
+    slow = np.stack([np.sin(0.7 * time), 0.8 * np.sin(0.7 * time + 1.0)])
+    steps = np.array([[0.031], [0.0173]])  # a step of each run
+    rounded = np.round(slow / steps) * steps
+    u = seeded(1).standard_normal(slow.shape)
+    recording = Recording(dt=0.02, e=rounded, u=u, x=-slow)
+    assert "lost-samples" not in codes_of(remarks(recording))
+    rounded[0, 300:330] = rounded[0, 300]
+    recording = Recording(dt=0.02, e=rounded, u=u, x=-slow)
+    assert "lost-samples" in codes_of(remarks(recording))
+
+
 def test_a_shift_explains_that_the_error_is_not_target_less_output() -> None:
     codes = [r.code for r in remarks(faulty("e late a sample"))]
     assert "not-the-error" not in codes

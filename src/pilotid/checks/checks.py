@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pilotid.checks.detectors import Finding, findings, step_of, unit_conversion
+from pilotid.checks.detectors import Finding, findings, step_between, unit_conversion
 from pilotid.checks.plant import element_changes, opposed, plant_of, runs_apart, unrelated
 from pilotid.recording.recording import ABSENT, Recording, remembered
 from pilotid.recording.spectra import at_lines, known_lines, same_lines, target_lines
@@ -161,12 +161,11 @@ def _held(recording: Recording) -> Found:
         if motionless(recording, name):
             continue
         window = recording.window(recording.input(name))
-        least = SIGNAL.jump * step_of(recording, name)
         for run, row in enumerate(window):
             first, count = longest_run(np.diff(row) == 0.0)
             # What rounding holds goes on by a step.
             around = row[[max(first - 1, 0), min(first + count + 1, row.size - 1)]]
-            if np.max(np.abs(around - row[first])) > least:
+            if np.max(np.abs(around - row[first])) > SIGNAL.jump * step_between(row):
                 yield (
                     count * recording.dt / longest,
                     f"{name} keeps one value for {count * recording.dt:.3g} s from "

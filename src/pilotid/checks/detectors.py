@@ -289,7 +289,8 @@ class _Look:
         least = RECORDER.errors * best.share_error
         told = best.share_error < 0.05 * max(1.0, abs(best.share)) and best.left <= RECORDER.exact
         if told and abs(best.share - 1.0) > max(least, RECORDER.gain):
-            if abs(best.share) <= max(least, RECORDER.no_share):
+            size = float(np.std(self.signals["u"]) / np.std(self.signals["fd"]))
+            if abs(best.share) <= max(least, RECORDER.no_share) and size > RECORDER.with_fd:
                 words = "u includes fd: x is the answer to u alone; subtract fd from u"
                 yield Finding("wrong-unit", "u", "wrong", best.share, "", words)
                 return
@@ -409,7 +410,12 @@ def _of_phases(phases: FloatArray) -> tuple[float, float]:
 @remembered
 def step_of(recording: Recording, name: str) -> float:
     """The step of which all differences of a signal's values are multiples; 0 if there is none."""
-    values = np.unique(recording.window(recording.input(name)))
+    return step_between(recording.window(recording.input(name)))
+
+
+def step_between(signal: FloatArray) -> float:
+    """As `step_of`, of numbers of any shape."""
+    values = np.unique(signal)
     apart = np.sort(np.diff(values))
     apart = apart[apart > 1e-9 * (values[-1] - values[0])]
     if apart.size < 20:

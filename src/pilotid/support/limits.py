@@ -35,6 +35,7 @@ class RecorderLimits(NamedTuple):
     told: float = 0.01  # s, standard error up to which a time is told
     gain: float = 0.05  # by which the share of fd in the drive differs from 1 (.014)
     no_share: float = 0.01  # of fd in the drive, that is none
+    with_fd: float = 0.1  # size of u, in those of fd, that includes it: of less in another unit
     unit: float = 0.01  # by which a share differs from 180/pi to be one of units
     exact: float = 1e-3  # share of u unexplained up to which noise on x moves no share
     left: float = 0.03  # share of u, or of the answer to it, that may be unexplained
@@ -100,9 +101,7 @@ class EstimateLimits(NamedTuple):
     #: in 14,000 an offset of u by a tenth of its rms moved estimates by up to 2 claimed errors.
     noticeable: float = 0.01
     misspecified: float = 1e-3  # p-value: doubt (5 of 800 sound fits)
-    of_sample: float = (
-        0.01  # error of a delay [samples] below which it matters where a target jumps
-    )
+    of_sample: float = 0.01  # error of a delay [samples] that a jump of the target forbids
     other_optimum: float = 3.0  # standard errors by which another optimum differs
     surely_misspecified: float = 1e-4  # p-value: wrong (2 of 800 sound fits)
     #: s of all runs together from which it is tested; covariances are not good enough of less
