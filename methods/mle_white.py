@@ -20,7 +20,6 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.likelihood.estimates import WhiteLikelihood
-from pilotid.likelihood.search import CANDIDATES, REFINED
 from pilotid.model.model import PilotModel
 from pilotid.solve.least_squares import Gram, Minima, search
 
@@ -39,4 +38,4 @@ class MLEWhite(WhiteLikelihood):
 
     def search(self, gram: Gram, model: PilotModel, rng: np.random.Generator) -> Minima:
         """From several starts, of which the model's is one; `rng` draws the others."""
-        return search(gram, model, rng, candidates=CANDIDATES, refined=REFINED)
+        return search(gram, model, rng, candidates=6, refined=2)
