@@ -37,22 +37,6 @@ def test_import(benchmark: BenchmarkFixture, what: str) -> None:
     benchmark.pedantic(run, ("-c", what), rounds=5, warmup_rounds=1)
 
 
-def test_help(benchmark: BenchmarkFixture) -> None:
-    benchmark.group = "starting"
-    benchmark.pedantic(run, ("-c", PROGRAM, "--help"), rounds=5, warmup_rounds=1)
-
-
-def test_reading_mat(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
-    from scipy.io import savemat
-
-    benchmark.group = "reading"
-    data = recorded("nominal(runs=5)")
-    file = tmp_path / "recording.mat"
-    signals = {name: getattr(data, name) for name in ("e", "u", "x", "ft", "fd")}
-    savemat(file, {"t": data.time, **signals})
-    assert benchmark(lambda: load_recording(file)).runs == 5
-
-
 def test_reading_csv(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
     benchmark.group = "reading"
     data = recorded("nominal(runs=5)")
