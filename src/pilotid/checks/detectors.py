@@ -168,7 +168,7 @@ class _Look:
             step, rms = step_of(self.recording, name), float(np.std(signal))
             if step > RECORDER.coarse * rms:
                 words = (
-                    f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms: small "
+                    f"{name} has steps of {step:.3g}, {100.0 * step / rms:.3g} % of its rms: small "
                     "movements are lost, and the controlled element may not show; record with "
                     "finer steps, and name the element with --element"
                 )
@@ -192,8 +192,8 @@ class _Look:
         if any(_begins_again(signal, sample) for signal in forced):
             why = f"runs follow one another; give each a column, or take one: --span 0:{at:.6g}"
         words = (
-            f"x jumps at {count} samples, first at t = {at:.4g} s of run {run + 1}, by up to "
-            f"{100.0 * share:.2g} % of its rms where u + fd do not: {why}"
+            f"x jumps {count} times, first at t = {at:.4g} s of run {run + 1}, by up to "
+            f"{100.0 * share:.3g} % of its rms where u + fd do not: {why}"
         )
         yield Finding("lost-samples", "x", "wrong", float(count), "samples", words)
 

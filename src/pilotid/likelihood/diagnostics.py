@@ -366,7 +366,7 @@ def _held(recording: Recording) -> Remark | None:
         return None
     return Remark(
         "held-control",
-        f"u keeps its value at {100.0 * share:.2g} % of the samples: a stick with a breakout "
+        f"u keeps its value at {100.0 * share:.3g} % of the samples: a stick with a breakout "
         "force, levels or stops, or lost samples; the gains are those of pilot and stick together",
     )
 
