@@ -10,7 +10,6 @@ import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
-from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -81,6 +80,8 @@ def program(
 ) -> None:
     """Identify pilot models from tracking recordings with every standard method."""
     if version:
+        from importlib import metadata
+
         typer.echo(f"pilotid {metadata.version('pilotid')}")
 
 

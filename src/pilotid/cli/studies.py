@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -250,6 +249,8 @@ def design(
     estimates: Path | None = None,
 ) -> None:
     """Design forcing functions for small errors, within limits on error and control."""
+    from importlib import metadata
+
     from pilotid.datasets import design as designs
     from pilotid.report.design import error_table, sentences, write_report
 
