@@ -177,8 +177,13 @@ class Optimum:
 
     @property
     def criterion(self) -> float:
-        """The criterion that chooses the remnant's model, of pilot and remnant together."""
+        """The criterion that chooses the remnant's model, of pilot and remnant together.
+
+        It is infinite in a band for a filter that predicts from samples to come.
+        """
         joint = self.joint
+        if joint.band_terms is not None and not are_invertible(self.whitener[None])[0]:
+            return math.inf
         power = float(self.end.cost[0]) / joint.residuals
         penalty = BAND_PASS_PENALTY if isinstance(joint.noise, BandPass) else 0.0
         return criterion(joint.noise, power, joint.residuals, joint.pilot_count) + penalty
