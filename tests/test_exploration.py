@@ -106,7 +106,7 @@ def test_one_optimum_that_many_starts_end_in_does_not_crowd_out_the_others(seed:
     delay = scenario.model.keys.index("tdvis")
     off = np.abs(candidates[:, delay] - scenario.truth[delay])
     assert off[0] > 0.1, "the recording is no longer one on which the best start is wrong"
-    assert len(candidates) > 2
+    assert len(candidates) > 1
     estimate = MLE().fit(recording, scenario.model, np.random.default_rng(seed))
     assert abs(estimate.values[delay] - scenario.truth[delay]) < 2.0 * estimate.std_error[delay]
 

@@ -74,7 +74,7 @@ UNNOTICED = 5e-3
 NOISY = 0.05  # share of x in a band that nothing explains, from which v or x is noisy there
 BANDS = 8  # of frequency, each with a level of noise of its own
 OBSERVATIONS = 10.0  # independent observations from which a level of noise is told
-LINEAR_STEPS, ITERATIONS = 2, 25
+LINEAR_STEPS, ITERATIONS = 3, 25
 LAST_GAIN = 0.03  # of -2 log-likelihood that the last step gains
 #: s, of a delay: x may be stored ahead of u.
 EARLIEST_DELAY, LONGEST_DELAY = -0.15, 0.6
@@ -218,11 +218,15 @@ class FormFit:
         return np.asarray(np.sqrt(np.abs(variance)))
 
 
-def _linear_step(spectra: Spectra, form: Form, values: FloatArray) -> FloatArray:
-    """By linear least squares, the equation divided by the denominator of the values."""
-    rows = spectra.rows(form, values, 0.0) / np.sqrt(spectra.size)[spectra.fine]
-    *table, goal = np.delete(rows, -2, axis=0).view(float)
-    return np.append(values[:-1] + np.linalg.lstsq(np.transpose(table), goal)[0], values[-1])
+def _start(spectra: Spectra, form: Form, delay: float) -> FloatArray:
+    """By linear least squares, the equation divided by the last denominator."""
+    poles = np.atleast_1d(np.poly([-3.0] * form.free))[1:]
+    values = np.array([*np.zeros(1 + form.zeros), *poles, delay])
+    for _ in range(LINEAR_STEPS if form.free else 1):
+        rows = spectra.rows(form, values, 0.0) / np.sqrt(spectra.size)[spectra.fine]
+        *table, goal = np.delete(rows, -2, axis=0).view(float)
+        values[:-1] += np.linalg.lstsq(np.transpose(table), goal)[0]
+    return values
 
 
 def fitted_form(spectra: Spectra, form: Form) -> FormFit:
@@ -252,11 +256,7 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
             products *= math.exp(spectra.mean_log(level))
         return grams
 
-    poles = np.atleast_1d(np.poly([-3.0] * form.free))[1:]
-    begins = (np.array([*np.zeros(1 + form.zeros), *poles, delay]) for delay in DELAYS)
-    start = min((_linear_step(spectra, form, begin) for begin in begins), key=cost)
-    for _ in range(LINEAR_STEPS if form.free else 0):
-        start = _linear_step(spectra, form, start)
+    start = min((_start(spectra, form, delay) for delay in DELAYS), key=cost)
     lower, upper = np.full((2, form.size), [[-np.inf], [np.inf]])
     lower[-1], upper[-1] = EARLIEST_DELAY, LONGEST_DELAY
     tolerance = LAST_GAIN / (2.0 * INDEPENDENT * observations)

@@ -37,6 +37,8 @@ REPORTED_TOLERANCE = 1e-10
 #: Tuned: by which a band-pass must predict better, since its corner and the gain explain one
 #: another (nominal, seed 1; exotic, seed 1502).
 BAND_PASS_PENALTY = 7.0
+#: Of a filter in a band that predicts from samples to come: its likelihood has no bound.
+NO_FILTER_PENALTY = 1e9
 #: Tuned: over the scored time, by how much likelihood ratios exceed chi-squared, as pilot and
 #: remnant share what there is [s] (short, seeds from 1000).
 BARTLETT_SECONDS = 5.0
@@ -177,15 +179,12 @@ class Optimum:
 
     @property
     def criterion(self) -> float:
-        """The criterion that chooses the remnant's model, of pilot and remnant together.
-
-        It is infinite in a band for a filter that predicts from samples to come.
-        """
+        """The criterion that chooses the remnant's model, of pilot and remnant together."""
         joint = self.joint
-        if joint.band_terms is not None and not are_invertible(self.whitener[None])[0]:
-            return math.inf
         power = float(self.end.cost[0]) / joint.residuals
         penalty = BAND_PASS_PENALTY if isinstance(joint.noise, BandPass) else 0.0
+        if joint.band_terms is not None and not are_invertible(self.whitener[None])[0]:
+            penalty = NO_FILTER_PENALTY
         return criterion(joint.noise, power, joint.residuals, joint.pilot_count) + penalty
 
     @property
