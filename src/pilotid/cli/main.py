@@ -34,7 +34,9 @@ from pilotid.support.numbers import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.support.types import InputError
 
 STOPPED = 130  # the status that shells give to a program that Ctrl-C ended
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+#: Help is not asked for where nobody asks: to make that of None, typer takes 50 ms.
+SETTINGS = {"default_map": {"help": False}}
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, context_settings=SETTINGS)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -85,7 +87,7 @@ def program(
         typer.echo(f"pilotid {metadata.version('pilotid')}")
 
 
-@app.command("list")
+@app.command("list", context_settings=SETTINGS)
 def list_names() -> None:
     """List models, methods and scenarios."""
     summaries = {
@@ -242,4 +244,4 @@ for command in (
     *(simulate, fit, check, posterior, studies.analyse, studies.design, studies.compare),
     *(studies.trust, studies.export, studies.report, studies.compare_studies, studies.fetch_data),
 ):
-    app.command()(options.as_command(command))
+    app.command(context_settings=SETTINGS)(options.as_command(command))
