@@ -111,6 +111,8 @@ def test_a_target_that_jumps_between_two_samples(jumps: bool, error: float) -> N
 def test_a_damping_that_people_do_not_have() -> None:
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, dnm=0.06), "dnm", 0.03, 0.1))
     assert (remark.code, remark.grade) == ("outside-range", "doubt")
+    (remark,) = remarks_on(estimate_of(SINGLE, fnm=3.0))
+    assert (remark.code, remark.grade) == ("outside-range", "doubt")
     assert remarks_on(with_interval(estimate_of(SINGLE, dnm=0.11), "dnm", 0.06, 0.2)) == ()
     # What is not determined may have any value.
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, dnm=0.06), "dnm", 0.03, 1.0))

@@ -362,9 +362,13 @@ def _steps(estimate: Estimate) -> Iterator[Remark]:
 
 
 def _outside_range(estimate: Estimate) -> Iterator[Remark]:
-    """Values beyond all bounds, and delays and dampings that people do not have."""
-    factors = {factor for channel in estimate.model.channels for factor in channel.dynamics}
-    dampings = {factor.damping_key for factor in factors if isinstance(factor, Neuromuscular)}
+    """Values beyond all bounds, delays and neuromuscular systems that people do not have."""
+    least = dict[str, float]()
+    for channel in estimate.model.channels:
+        for factor in channel.dynamics:
+            if isinstance(factor, Neuromuscular):
+                least[factor.damping_key] = ESTIMATE.least_damping
+                least[factor.frequency_key] = ESTIMATE.least_frequency
     for i, p in enumerate(estimate.model.parameters):
         value, high = float(estimate.values[i]), float(estimate.intervals[i, 1])
         if not p.lower <= value <= p.upper:  # of a method without bounds
@@ -378,12 +382,12 @@ def _outside_range(estimate: Estimate) -> Iterator[Remark]:
                 "a slow neuromuscular system), or u was recorded early",
                 "note" if high > ESTIMATE.shortest_delay else "doubt",
             )
-        elif p.key in dampings and value < ESTIMATE.least_damping and estimate.determined[i]:
+        elif value < least.get(p.key, -math.inf) and estimate.determined[i]:
             yield Remark(
                 "outside-range",
-                f"{p.key} is {value:.3g}, but neuromuscular systems of people are not damped by "
-                f"less than {ESTIMATE.least_damping:g}: a resonance of the remnant may have taken "
-                f"the place of the system; compare with --fix {p.key}=0.3",
+                f"{p.key} is {value:.3g}, but that of people's neuromuscular systems is not below "
+                f"{least[p.key]:g}: a resonance of the remnant or a lag may have taken the place "
+                f"of the system; compare with --fix {p.key}={p.start:g}",
             )
 
 

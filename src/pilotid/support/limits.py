@@ -137,6 +137,7 @@ class EstimateLimits(NamedTuple):
     #: Damping ratio of a neuromuscular system below which none is published: of 2,043 simulated
     #: fits four have a determined one below, all off by more than four claimed errors.
     least_damping: float = 0.1
+    least_frequency: float = 4.0  # rad/s, of a neuromuscular system
     wide: float = 10.0  # ratio of the ends of an interval: the order of magnitude is told at most
     #: Correlation from which two parameters count as one: to know the other divides a variance by
     #: 10, at which regressors are called collinear (Marquardt, Technometrics 12, 1970).
