@@ -141,6 +141,11 @@ class Spectra:
         turned = np.sum(turn * self.given[:count], axis=1)
         return np.asarray(turned * np.exp(-1j * delay * self.omega))
 
+    def residual(self, top: FloatArray, bottom: FloatArray, delay: float) -> ComplexArray:
+        """What an element leaves of the output, shape (n,)."""
+        left = bottom[::-1] @ self.output[: len(bottom)] - top[::-1] @ self.inputs(len(top), delay)
+        return np.asarray(left / (bottom[::-1] @ self.powers[: len(bottom)]))
+
     def rows(self, form: Form, values: FloatArray, divisor: float = 1.0) -> ComplexArray:
         """Slopes of the output by a form's values, and below what is left, shape (size + 1, n).
 
@@ -163,10 +168,8 @@ class Spectra:
         top, bottom = np.array(element.numerator) / self.gain, np.array(element.denominator)
         if len(bottom) > len(self.output):
             return math.inf
-        left = bottom[::-1] @ self.output[: len(bottom)]
-        left -= top[::-1] @ self.inputs(len(top), element.delay)
-        left /= bottom[::-1] @ self.powers[: len(bottom)]
-        return math.sqrt(float((power(left, self.fine) / self.size).max()))
+        left = power(self.residual(top, bottom, element.delay), self.fine)
+        return math.sqrt(float((left / self.size).max()))
 
     def level(self, left: ComplexArray, exact: FloatArray | float = UNNOTICED**2) -> FloatArray:
         """Variance of the noise at each observation, with a share of power that counts as exact."""
@@ -243,7 +246,8 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
     observations = spectra.omega.size
 
     def cost(values: FloatArray) -> float:
-        return spectra.mean_log(spectra.level(spectra.rows(form, values)[-1]))
+        left = spectra.residual(*form.polynomials(values), values[-1])
+        return spectra.mean_log(spectra.level(left))
 
     def gram(sets: FloatArray) -> FloatArray:
         grams = np.empty((len(sets), form.size + 1, form.size + 1))

@@ -425,7 +425,8 @@ def gains_change(optimum: Optimum, recording: Recording) -> Remark | None:
     fit need mind, are certain.
     """
     prediction = optimum.joint.prediction
-    varying = may_vary(prediction.model)
+    model = prediction.model
+    varying = [] if model.changes else model.indices_of(Gain | Lead)
     changes = score_of_changes(optimum.tested_rows, varying, PLACES) if varying else []
     if not changes:
         return None
@@ -436,7 +437,7 @@ def gains_change(optimum: Optimum, recording: Recording) -> Remark | None:
         return None
     unscored = max(0.0, recording.lead_in - recording.run_in * recording.dt)
     time = unscored + best.place * prediction.scored * prediction.dt
-    keys = [prediction.model.keys[i] for i in varying]
+    keys = [model.keys[i] for i in varying]
     steps = [f"{key} by {100.0 * share:+.0f} %" for key, share in zip(keys, shares, strict=True)]
     return Remark(
         "pilot-changes",
@@ -533,18 +534,6 @@ def portmanteau(errors: FloatArray, weights: FloatArray, lags: IntArray) -> tupl
     kept = size > ESTIMATE.independent * size[-1]
     along = directions[:, kept].T @ (cosines @ excess)
     return float(np.sum(along**2 / size[kept])), int(np.count_nonzero(kept))
-
-
-def may_vary(model: PilotModel) -> list[int]:
-    """Indices of a model's gains and leads; none of a model that varies already."""
-    keys = {
-        parameter.key
-        for channel in model.channels
-        for factor in channel.dynamics
-        if isinstance(factor, Gain | Lead)
-        for parameter in factor.parameters
-    }
-    return [] if model.changes else [i for i, key in enumerate(model.keys) if key in keys]
 
 
 class Change(NamedTuple):

@@ -177,13 +177,18 @@ class Optimum:
         taps, _ = joint.noise.taps(self.values[None, joint.pilot_count :], joint.band)
         return np.asarray(taps[0])
 
+    @cached_property
+    def is_invertible(self) -> bool:
+        """Whether its filter predicts from the past alone, as that of a low-pass always does."""
+        return not self.joint.noise.regressive or bool(are_invertible(self.whitener[None])[0])
+
     @property
     def criterion(self) -> float:
         """The criterion that chooses the remnant's model, of pilot and remnant together."""
         joint = self.joint
         power = float(self.end.cost[0]) / joint.residuals
         penalty = BAND_PASS_PENALTY if isinstance(joint.noise, BandPass) else 0.0
-        if joint.band_terms is not None and not are_invertible(self.whitener[None])[0]:
+        if joint.band_terms is not None and not self.is_invertible:
             penalty = NO_FILTER_PENALTY
         return criterion(joint.noise, power, joint.residuals, joint.pilot_count) + penalty
 
@@ -296,7 +301,7 @@ class Optimum:
     def search_problem(self) -> Likelihood:
         """The same problem for searches from here, see `Prediction.is_large`."""
         prediction, noise = self.joint.prediction, self.joint.noise
-        invertible = noise.regressive and bool(are_invertible(self.whitener[None])[0])
+        invertible = noise.regressive and self.is_invertible
         return Likelihood(prediction, noise, adjoint=prediction.is_large, invertible=invertible)
 
     def refined(self) -> Optimum:

@@ -353,7 +353,7 @@ def _starts(
             for value in (low[index], *between, high[index]):
                 moved.append(best.copy())
                 moved[-1][index] = value
-    times = [i for factor, at in model.moving if isinstance(factor, Lag | Lead) for i in at]
+    times = model.indices_of(Lag | Lead)
     if len(times) > 1:  # a slow lag with a lead is much like a fast one with another
         moved.append(best.copy())
         moved[-1][times] = low[times]

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import chain, combinations
+from types import UnionType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -226,6 +227,10 @@ class PilotModel:
         """The dynamics that have parameters, each once, with the indices of these."""
         every = [placed for layout in self.layout for placed in layout if placed[1]]
         return tuple(dict.fromkeys(every))
+
+    def indices_of(self, kinds: type | UnionType) -> list[int]:
+        """Indices of the parameters of dynamics of some kinds."""
+        return sorted({i for factor, at in self.moving if isinstance(factor, kinds) for i in at})
 
     @cached_property
     def places(self) -> tuple[tuple[int, ...], ...]:
