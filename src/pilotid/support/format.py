@@ -362,11 +362,12 @@ def make_console(*, errors: bool = False) -> Console:
 
 def with_bar(items: Iterable[T], what: str, total: int) -> Iterator[T]:
     """The items, with a bar on standard error while they come, if that is a terminal."""
-    from rich.progress import track
-
     console = make_console(errors=True)
-    hidden = not console.is_terminal or total < 2
-    yield from track(items, what, total, console=console, transient=True, disable=hidden)
+    if console.is_terminal and total > 1:
+        from rich.progress import track
+
+        items = track(items, what, total, console=console, transient=True)
+    yield from items
 
 
 def show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import version
@@ -168,13 +168,10 @@ class _Context(SpawnContext):
             A script without a main guard would start itself again, and Python does not know
             joblib's way to start processes by itself.
             """
-            with ExitStack() as afterwards:
-                afterwards.callback(os.environ.update, dict(os.environ))
-                for name in THREADS:
-                    afterwards.callback(os.environ.pop, name)
-                afterwards.callback(setattr, spawn, "get_preparation_data", _PREPARE)
-                os.environ.update(THREADS)
-                spawn.get_preparation_data = _without_main
+            from unittest.mock import patch  # it imports much, and is for processes alone
+
+            without_main = patch.object(spawn, "get_preparation_data", _without_main)
+            with patch.dict(os.environ, THREADS), without_main:
                 super().start()
 
         @property
