@@ -34,7 +34,7 @@ import numpy as np
 
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.warnings import is_vague, one_signal
-from pilotid.likelihood.diagnostics import fit_remarks, with_verdict
+from pilotid.likelihood.diagnostics import NO_PILOT, fit_remarks, with_verdict
 from pilotid.likelihood.estimates import make_estimate, too_short
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.posterior import Posterior, Prior, priors_of, sample
@@ -101,6 +101,8 @@ class Bayes(LikelihoodSettings):
         white = self.likelihood == "white"
         settings = replace(self, noise=LowPass(0), loop=False) if white else self
         optimum = maximise_likelihood(recording, model, rng, settings)
+        if not optimum.is_credible:  # nobody wants draws about what is no pilot
+            return failed(self.name, model, Outcome.CONTRADICTED, NO_PILOT)
         joint = optimum.joint
         priors = priors_of(model, joint.noise, self.priors, self.prior)
         posterior = Posterior(joint, priors, 1.0 if white else optimum.variance_factor)

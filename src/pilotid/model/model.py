@@ -570,7 +570,7 @@ class PilotModel:
     def _require(self, keys: Iterable[str]) -> None:
         if unknown := [key for key in keys if key not in self.index]:
             raise InputError(
-                f"model {self.name} has no parameter {', '.join(unknown)}: "
+                f"model {self.name} has no parameter {', '.join(map(str, unknown))}: "
                 f"choose from {', '.join(self.keys)}"
             )
 
