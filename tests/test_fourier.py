@@ -152,6 +152,12 @@ def test_holds_on_pilots_drawn_at_random() -> None:
     assert np.max(np.abs(errors)) < 8.0
 
 
+@pytest.mark.parametrize(("model", "grades"), [(MULTI, []), (SINGLE, ["doubt"])])
+def test_a_model_that_misses_the_lines_is_said_to(model: PilotModel, grades: list[str]) -> None:
+    estimate = identify(Fourier(), noisy(3), model, np.random.default_rng(1))
+    assert [r.grade for r in estimate.remarks if r.code == "misspecified"] == grades
+
+
 def test_power_of_the_remnant_is_that_of_its_spectrum() -> None:
     # Above 8 rad/s leakage would exceed it many times.
     from pilotid.datasets.experiments import experiment_of

@@ -37,6 +37,8 @@ from pilotid.support.types import FloatArray
 #: Combinations of responses whose variance is this far below the largest one are taken for
 #: known by construction only, and left out.
 NEGLIGIBLE = 1e-10
+#: How seldom chance lets residuals exceed their errors so far that these are taken for too small.
+CLEAR = 1e-3
 
 
 def first_step_of(recording: Recording, model: PilotModel) -> FrequencyResponse | None:
@@ -143,7 +145,7 @@ def second_step(
         end = with_information(minimise(problem.gram, better, model), problem.gram)
         cost = float(end.cost[0])
         # The standardised residuals' variance is 1 unless it is clearly larger.
-        clear = freedom > 0 and cost > chi_squared_limit(freedom, 1e-3)
+        clear = freedom > 0 and cost > chi_squared_limit(freedom, CLEAR)
         variance = cost / freedom if clear else 1.0
         covariance = covariance_of(end.gram[0, :-1, :-1], variance)
         if covariance is None:
