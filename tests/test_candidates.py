@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from checks.published import LED, preview_runs
+from checks.strata import of_stratum
 from golden.golden import POSITION
 from helpers import PILOTS, SINGLE_LOOP, fit_of
 
@@ -88,6 +89,14 @@ def test_the_decay_of_a_lag_that_outlasts_the_run_in_is_no_bias(method: str) -> 
         assert all("slow-lag" in codes_of(fit.remarks) for fit in fits)
 
 
+@pytest.mark.parametrize("number", [61029, 61120, 994141])
+def test_a_quick_lag_is_not_taken_for_one_that_outlasts_the_run_in(number: int) -> None:
+    # A lead with a lag of 3 to 30 s is much like a gain, and its free decay fits the remnant.
+    recording, model, truth = of_stratum("other-models", number)
+    estimate = identify(recording, model)
+    assert abs(np.log(estimate["tlag"].value / truth["tlag"])) < np.log(1.5)
+
+
 def test_a_band_that_is_asked_for_is_not_widened() -> None:
     bands = {fit_of(method_named(f"mle(band={band})"), SINGLE_LOOP).band for band in (15, 26)}
     highest = sorted(band.highest for band in bands if band is not None)
@@ -100,7 +109,10 @@ def test_of_optima_as_likely_the_one_that_explains_most_where_scores_scatter(
 ) -> None:
     shares = [(-100.0, 0.2), (-98.0, 0.4), (-92.0, 0.5), (-80.0, 0.9)]
     optima: list[Any] = [
-        SimpleNamespace(criterion=criterion, explained=share, dispersion=dispersion)
+        SimpleNamespace(criterion=criterion, explained=share, dispersion=dispersion, is_slow=False)
         for criterion, share in shares
     ]
     assert optima.index(best_of(optima)) == best
+    slow = SimpleNamespace(criterion=-103.0, explained=0.2, dispersion=1.0, is_slow=True)
+    assert best_of([slow, *optima]) is optima[0]  # as likely without a lag that outlasts the run-in
+    assert best_of([slow, *optima[2:]]) is slow

@@ -131,26 +131,36 @@ def maximise_likelihood(
     first = first_fit(recording, model, settings, lines, rng)
     candidates, starts, check = sweep(first, rng, lines)
     whole = first.joint.prediction
-    terms = whole.noticeable_terms(candidates[0], first.whitener)
-    prediction = replace(whole, nuisance_poles=terms)
+    of_lag: dict[bool, Prediction] = {}
+
+    def choices(pilots: Iterable[FloatArray], noise: NoiseModel | None) -> list[RemnantChoice]:
+        """One of each pilot, with the terms of the first that has such a lag as it has."""
+        every = []
+        for pilot in pilots:
+            outlasts = whole.outlasting_lag(pilot) > 0.0
+            if outlasts not in of_lag:
+                terms = whole.noticeable_terms(pilot, first.whitener)
+                of_lag[outlasts] = replace(whole, nuisance_poles=terms)
+            every.append(RemnantChoice(of_lag[outlasts], pilot, noise, check))
+        return every
+
     # The lines' pilot rests on no model of the remnant.
-    pilots = [*candidates, *lines]
-    choices = [RemnantChoice(prediction, pilot, settings.noise, check) for pilot in pilots]
-    best, others = _best_and_others([choice.full_fit() for choice in _likely(choices)])
+    likely = _likely(choices([*candidates, *lines], settings.noise))
+    best, others = _best_and_others([choice.full_fit() for choice in likely])
     if settings.noise is None and not len(lines) and best.dispersion > MAX_DISPERSION:
         # What was not likely beside the remnant of the first pilot may be so beside that of this.
         pilots = [pilot for pilot in sweep(best, rng, lines)[0] if not best.is_near(pilot)]
-        choices = [RemnantChoice(prediction, pilot, None, check) for pilot in pilots]
-        best, others = _best_and_others([best, *(choice.full_fit() for choice in choices)])
+        best, others = _best_and_others([best, *(c.full_fit() for c in choices(pilots, None))])
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
     for _ in range(4):
-        before, terms = terms, whole.noticeable_terms(best.pilot, best.whitener)
+        before = best.joint.prediction.nuisance_poles
+        terms = whole.noticeable_terms(best.pilot, best.whitener)
         if len(terms) == len(before) and np.allclose(terms, before, rtol=0.1):
             break
-        prediction = replace(whole, nuisance_poles=terms)
-        pilots, noise = [best.pilot, *(pilot for pilot, _ in others)], best.joint.noise
-        choices = [RemnantChoice(prediction, pilot, noise, check) for pilot in pilots]
-        best, others = _best_and_others([choice.full_fit() for choice in choices])
+        of_lag[whole.outlasting_lag(best.pilot) > 0.0] = replace(whole, nuisance_poles=terms)
+        pilots = [best.pilot, *(pilot for pilot, _ in others)]
+        again = choices(pilots, best.joint.noise)
+        best, others = _best_and_others([choice.full_fit() for choice in again])
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
         best = best.restarted_at(np.concatenate([ordered, best.values[len(ordered) :]]))
