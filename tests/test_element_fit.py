@@ -279,7 +279,8 @@ def test_the_element_is_the_user_s_else_the_file_s_else_the_signals() -> None:
     assert wrong.element == element_named("1/s^2")
     # What the file names is not asked where the user says better.
     assert [r.split(" is ")[0] for r in wrong.remarks] == ["the controlled element given"]
-    assert chosen_element(replace(recording, controlled_element="a boat")).origin == "identified"
+    boat = chosen_element(replace(recording, controlled_element="a boat"))
+    assert (boat.origin, [r.grade for r in boat.remarks]) == ("identified", ["note"])
 
 
 def test_a_named_element_with_zeros_is_held_against_the_signals() -> None:

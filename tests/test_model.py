@@ -256,8 +256,9 @@ def test_with_start_changes_the_guesses_named_and_nothing_else() -> None:
     np.testing.assert_array_equal(MULTI.start, before)
     again = changed.with_start({"fnm": 8.0})
     assert (again.start[2], again.start[5]) == (0.35, 8.0)
-    with pytest.raises(InputError, match=r"1\.0, 0\.4"):
-        MULTI.with_start(np.array([1.0, 0.4]))  # type: ignore[arg-type]
+    for wrong in (np.array([1.0, 0.4]), None, {"fnm": "a"}, {"fnm": np.ones(2)}):
+        with pytest.raises(InputError, match="starts are numbers"):
+            MULTI.with_start(wrong)  # type: ignore[arg-type]
 
 
 def test_overrides_replace_bounds_in_place() -> None:

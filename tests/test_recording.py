@@ -88,6 +88,14 @@ def test_sampling_interval_must_be_positive(dt: float) -> None:
     refused("the sampling interval is", dt=dt)
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [{"dt": "a"}, {"run_in": 1.5}, {"lines": "abc"}, {"lines": {"ft": (6.5,)}}, {"lead_in": None}],
+)
+def test_what_is_no_number_is_refused(wrong: dict[str, object]) -> None:
+    refused("whole numbers", **wrong)
+
+
 @pytest.mark.parametrize("name", ["e", "x", "ft", "fd"])
 @pytest.mark.parametrize("shape", [(2, SAMPLES - 1), (3, SAMPLES), (1, SAMPLES + 1)])
 def test_signals_of_different_shapes_are_refused(name: str, shape: tuple[int, int]) -> None:
@@ -108,6 +116,8 @@ def test_control_that_is_constant_but_for_the_run_in_is_refused() -> None:
     refused("the control u is constant in run 1", u=u, run_in=20)
     u[0, 30] = 0.4
     assert make(u=u, run_in=20).samples == 220
+    refused("the control u is constant in run 1", u=1e-200 * u)
+    refused("the measurement window lasts", lead_in=np.nan)
 
 
 @pytest.mark.parametrize(("samples", "run_in"), [(199, 0), (240, 41), (1, 0)])

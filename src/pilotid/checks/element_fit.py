@@ -162,7 +162,12 @@ def chosen_element(recording: Recording, given: GivenElement = None) -> ElementC
     stated = ElementChoice(as_element(given), GIVEN) if given else ElementChoice(named, FILE)
     if stated.element is None:
         why = fault.sentence if fault else f"{identified.why}; name it, for example --element 4/s^2"
-        return identified if shown else ElementChoice(why=f"no loops: {why}")
+        choice = identified if shown else ElementChoice(why=f"no loops: {why}")
+        text = recording.controlled_element.strip()
+        words = (
+            f"the file calls the controlled element {text!r:.50}, which is none; write 4/s^2 or so"
+        )
+        return replace(choice, remarks=(Remark("element-differs", words, "note"),) * bool(text))
     what = "given" if given else "that the file names"
     other, by = shown, "control and output of the recording follow"
     if given and shown is None:
@@ -203,4 +208,5 @@ def closing_element(recording: Recording) -> ControlledElement | None:
     The one that the recording names, unless its signals show another one; None if none is known.
     """
     choice = chosen_element(recording)
-    return identified_element(recording).element if choice.remarks else choice.element
+    doubted = choice.element and choice.remarks
+    return identified_element(recording).element if doubted else choice.element

@@ -247,9 +247,12 @@ def with_verdict(
     remarks
         What is said besides, see `fit_remarks`.
     """
+    tested = None
     if not optimum.is_credible:
         estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=NO_PILOT)
-    tested = None if covariance is None else specification(optimum, recording, covariance, against)
+        remarks = (Remark("misspecified", f"{NO_PILOT}; the values mean nothing"), *remarks)
+    elif covariance is not None:
+        tested = specification(optimum, recording, covariance, against)
     return replace(
         estimate,
         specification=tested,

@@ -45,9 +45,10 @@ def profile_likelihood(optimum: Optimum) -> tuple[Optimum, Profile | None]:
 
     Returns
     -------
-    The best optimum, and the profile about it; None where the remnant has no shape.
+    The best optimum, and the profile about it; None where the remnant has no shape, and of what is
+    no pilot, whose ridges take long.
     """
-    profile = profile_about(optimum)
+    profile = profile_about(optimum) if optimum.is_credible else None
     for _ in range(3):
         if profile is None or profile.better is None:
             break

@@ -570,12 +570,18 @@ class PilotModel:
     def _require(self, keys: Iterable[str]) -> None:
         if unknown := [key for key in keys if key not in self.index]:
             raise InputError(
-                f"model {self.name} has no parameter {', '.join(map(str, unknown))}: "
+                f"model {self.name} has no parameter {', '.join(unknown)}: "
                 f"choose from {', '.join(self.keys)}"
             )
 
     def with_start(self, values: Mapping[str, float]) -> PilotModel:
         """The same model with other initial guesses for the parameters named."""
+        try:
+            values = {key: float(value) for key, value in values.items()}
+        except (AttributeError, TypeError, ValueError):
+            raise InputError(
+                f"starts are numbers by the names of parameters, as in {{'{self.keys[0]}': 0.5}}"
+            ) from None
         self._require(values)
         changed = [p for p in self.parameters if p.key in values]
         for p in changed:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import wraps
+from operator import index
 from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -92,13 +93,17 @@ class Recording:
 
     def __post_init__(self) -> None:
         own = vars(self)  # what is given becomes what is promised; then all is frozen
-        own.update(
-            source=printable(str(self.source)),
-            dt=float(self.dt),
-            run_in=int(self.run_in),
-            lead_in=float(self.lead_in),
-            lines={name: tuple(map(int, lines)) for name, lines in self.lines.items() if lines},
-        )
+        own.update(source=printable(str(self.source)))
+        own.update(controlled_element=str(self.controlled_element))
+        try:
+            lines = {name: tuple(map(index, few)) for name, few in self.lines.items() if len(few)}
+            own.update(dt=float(self.dt), run_in=index(self.run_in), lines=lines)
+            own.update(lead_in=float(self.lead_in))
+        except (TypeError, ValueError, AttributeError) as error:
+            self._refuse(
+                f"dt and lead_in are seconds, run_in a whole number of samples, and lines whole "
+                f"numbers by ft and fd, as in {{'ft': (6, 13)}} ({error})"
+            )
         if not 0.0 < self.dt <= COARSEST:
             self._refuse(
                 f"the sampling interval is {self.dt:.3g} s; a pilot's control needs at most "
@@ -113,14 +118,15 @@ class Recording:
             require_extra_name(name)
         own["extra"] = {name: self._checked(name, value) for name, value in self.extra.items()}
         scored = self.duration - max(0.0, self.lead_in - self.run_in * self.dt)
-        if min(self.run_in, self.lead_in) < 0 or self.duration < SHORTEST or scored < LEAST_SCORED:
+        before = self.run_in >= 0 and self.lead_in >= 0.0  # nor is it NaN
+        if not before or self.duration < SHORTEST or scored < LEAST_SCORED:
             self._refuse(
                 f"the measurement window lasts {self.duration:.3g} s after a run-in of "
                 f"{self.run_in} samples, and {scored:.3g} s of it are scored; at least "
                 f"{SHORTEST:g} s and {LEAST_SCORED:g} s are needed: take a longer span, and store "
                 "each signal as one column a run"
             )
-        still = np.ptp(self.u[:, self.run_in :], axis=1) == 0.0
+        still = np.ptp(self.u[:, self.run_in :], axis=1) <= 1.0 / LARGEST_VALUE
         if still.any():
             self._refuse(
                 f"the control u is constant in run {1 + int(np.argmax(still))}; map u to the "
