@@ -36,7 +36,6 @@ is the geometric mean of both (`removed`), a k-class estimator in the words of e
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -46,19 +45,12 @@ from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.loops import are_pilots
 from pilotid.estimate.quantities import AnalysedBand, FrequencyResponse
 from pilotid.estimate.warnings import lines_objection
-from pilotid.likelihood.second_step import CLEAR, second_step
+from pilotid.likelihood.second_step import second_step
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import minimise, search
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.spectral.equations import Equations, best_pilot
-from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import chi_squared_limit
-from pilotid.support.remarks import Remark
-from pilotid.support.types import FloatArray
-
-#: Errors by which a model misses the responses that are in doubt as this model's.
-MAX_MISSED = 2.0
 
 
 @dataclass(frozen=True)
@@ -149,26 +141,8 @@ class Fourier:
         if estimate.outcome.usable and not are_pilots(recording, model, estimate.values[None])[0]:
             why = "the loop of this pilot with the controlled element would be unstable"
             estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=why)
-        estimate = replace(
-            estimate,
-            band=AnalysedBand(float(response.omega[-1])),
-            remarks=_missed(recording, problem, estimate.values),
-        )
+        estimate = replace(estimate, band=AnalysedBand(float(response.omega[-1])))
         return _with_interpolation_error(estimate, coefficients, response)
-
-
-def _missed(recording: Recording, problem: Equations, values: FloatArray) -> tuple[Remark, ...]:
-    """What to say where a model misses the responses by more than chance does."""
-    misfit, freedom = float(problem.gram(values[None])[0, -1, -1]), problem.residuals - len(values)
-    enough = freedom > 0 and recording.runs * recording.duration >= ESTIMATE.tested_from
-    if not enough or misfit <= chi_squared_limit(freedom, CLEAR):
-        return ()
-    missed = math.sqrt(misfit / freedom)
-    words = (
-        f"the model misses the frequency response by {missed:.1f} times its errors: a channel or a "
-        "lag may be lacking, or the pilot changed; the errors of parameters are wider by as much"
-    )
-    return (Remark("misspecified", words, "doubt" if missed > MAX_MISSED else "note"),)
 
 
 def _with_interpolation_error(

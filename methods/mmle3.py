@@ -103,9 +103,8 @@ class MMLE3:
                 if any(trial[i] < 0.0 for i in model.delays):
                     return failed(self.name, model, Outcome.NEGATIVE_DELAY)
                 left = output.control - output.predict(trial)
-                with np.errstate(over="ignore", invalid="ignore"):
-                    # A diverging trial gives NaN, which is no improvement.
-                    improved = bool(np.mean(left**2) < cost)
+                # A diverging trial gives NaN, which is no improvement.
+                improved = bool(np.mean(left**2) < cost)
                 if improved or damping > 1e8:
                     break
                 damping *= 10.0

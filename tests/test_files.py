@@ -579,14 +579,6 @@ def test_mapping(tmp_path: Path) -> None:
                 load_recording(path, text)
 
 
-def test_notes_in_a_struct_are_not_passed_over(tmp_path: Path) -> None:
-    path = saved({**TWO, "pilotid": {"run_in": 1.0}})(tmp_path)
-    with pytest.raises(InputError, match="notes in a struct pilotid; write them into a sidecar"):
-        load_recording(path)
-    (tmp_path / "F.json").write_text('{"run_in": 1.0}')
-    assert load_recording(path).run_in == 20
-
-
 def test_advice_of_a_refusal_can_be_followed(tmp_path: Path) -> None:
     path = saved({"a": structs([run(0), run(1)]), "b": structs([run(1), run(0)])})(tmp_path)
     with pytest.raises(InputError) as caught:

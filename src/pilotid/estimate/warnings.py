@@ -31,7 +31,7 @@ from pilotid.recording.spectra import (
     told_apart,
 )
 from pilotid.support.limits import ESTIMATE, SIGNAL
-from pilotid.support.remarks import Remark, codes_of, remark_of
+from pilotid.support.remarks import Grade, Remark, codes_of, remark_of
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 # -------------------------------------------------------------------------------------- objections
@@ -369,26 +369,34 @@ def _outside_range(estimate: Estimate) -> Iterator[Remark]:
             if isinstance(factor, Neuromuscular):
                 least[factor.damping_key] = ESTIMATE.least_damping
                 least[factor.frequency_key] = ESTIMATE.least_frequency
+    shortest, longest = ESTIMATE.shortest_delay, ESTIMATE.longest_delay
     for i, p in enumerate(estimate.model.parameters):
-        value, high = float(estimate.values[i]), float(estimate.intervals[i, 1])
+        value, (low, high) = float(estimate.values[i]), estimate.intervals[i].tolist()
+        grade: Grade = "doubt"
         if not p.lower <= value <= p.upper:  # of a method without bounds
-            words = f"{p.key} = {value:.3g} lies outside {p.lower:g} to {p.upper:g} {p.unit}"
-            yield Remark("outside-range", f"{words}, where no pilot is: give another --start")
-        elif p.delay and value < ESTIMATE.shortest_delay:
-            yield Remark(
-                "outside-range",
-                f"{p.key} is {value:.3g} s (at most {high:.3g}), but people's delays are not below "
-                f"{ESTIMATE.shortest_delay:g} s: another parameter may have taken its part (a lag, "
-                "a slow neuromuscular system), or u was recorded early",
-                "note" if high > ESTIMATE.shortest_delay else "doubt",
+            words = f"outside {p.lower:g} to {p.upper:g}, where no pilot is: give another --start"
+        elif p.delay and value < shortest:
+            grade = "note" if high > shortest else "doubt"
+            words = (
+                f"at most {high:.3g}, but people's delays are not below {shortest:g} s: another "
+                "parameter may have taken its part (a lag, a slow neuromuscular system), or u was "
+                "recorded early"
+            )
+        elif p.delay and low > longest:
+            words = (
+                f"at least {low:.3g}, but people's delays are not above {longest:g} s: try a model "
+                "without that channel"
             )
         elif value < least.get(p.key, -math.inf) and estimate.determined[i]:
-            yield Remark(
-                "outside-range",
-                f"{p.key} is {value:.3g}, but that of people's neuromuscular systems is not below "
-                f"{least[p.key]:g}: a resonance of the remnant or a lag may have taken the place "
-                f"of the system; compare with --fix {p.key}={p.start:g}",
+            words = (
+                f"but that of people's neuromuscular systems is not below {least[p.key]:g}: a "
+                "resonance of the remnant or a lag may have taken the place of the system; compare "
+                f"with --fix {p.key}={p.start:g}"
             )
+        else:
+            continue
+        number = f"{value:.3g} {p.unit}".strip()
+        yield Remark("outside-range", f"{p.key} is {number}, {words}", grade)
 
 
 def _not_determined(estimate: Estimate) -> Iterator[Remark]:

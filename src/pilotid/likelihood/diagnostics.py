@@ -29,7 +29,6 @@ from pilotid.likelihood.band_likelihood import BandTerms
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum
 from pilotid.likelihood.prediction import predict
-from pilotid.likelihood.prepare import fast_length
 from pilotid.likelihood.remnant_models import Whitener, best_noise_model
 from pilotid.model.element import ControlledElement
 from pilotid.model.factors import Gain, Lead
@@ -56,9 +55,11 @@ def references(
     recording: Recording, model: PilotModel, values: FloatArray, element: ControlledElement
 ) -> Recording:
     """A recording with the e and x that its forcing functions alone make in the loop."""
+    from scipy.fft import next_fast_len  # when it is needed
+
     target, disturbance = forcing_functions(recording)
     samples = target.shape[1]
-    length = fast_length(samples + round(REST / recording.dt))
+    length = next_fast_len(samples + round(REST / recording.dt), real=True)
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(length, recording.dt), dtype=float)
     omega[0] = 1e-3 * omega[1]  # an integrator has no response at rest
     on_error, on_output = pilot_on(model, omega, values)

@@ -157,8 +157,7 @@ class WhiteLikelihood:
         search = self.search(coarse.gram, model, rng)
         starts = starts_of(search) if len(search.cost) > 1 else None
         prediction, start = predict(recording, model, self.band), search.values[0]
-        terms = prediction.noticeable_terms(start)
-        problem = Likelihood(replace(prediction, nuisance_poles=terms))
+        problem = Likelihood(prediction.with_noticeable_terms(start))
         end = minimise(problem.gram, start[None], model, tolerance=1e-8)
         end = with_information(end, problem.gram)
         values, gram = end.values[0], end.gram[0]

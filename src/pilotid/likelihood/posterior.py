@@ -224,8 +224,7 @@ class Posterior:
         It is -inf outside the bounds and where there is no number.  Of two pilots with one response
         only that counts which `PilotModel.ordered` gives.
         """
-        with np.errstate(over="ignore"):
-            values = self.values(points)
+        values = self.values(points)
         lower, upper = self.joint.lower[: self.count], self.joint.upper[: self.count]
         inside = np.all((values > lower) & (values < upper), axis=1)
         pilots = values[:, : self.joint.pilot_count]
@@ -249,22 +248,20 @@ class Posterior:
             Parameter sets inside the bounds, shape (sets, parameters).
         """
         terms, freedom, further = self._terms, self.joint.residuals, np.zeros(len(values))
-        # What overflows is no number, which is no likelihood either.
-        with np.errstate(all="ignore"):
-            if self.integrated:
-                products = self.lagged_products(values)
-                taps, further = self.regressed(products)
-                sums = np.einsum("si,sij,sj->s", taps, products, taps)
-                freedom -= self.integrated if terms is None else 0
-            else:
-                joint = self.joint
-                taps = joint.noise.filters(values[:, joint.pilot_count :], joint.band)
-                sums = self.sums_of_squares(values, taps)
-            deviance = freedom * np.log(sums) + further
-            if terms is not None:
-                loop = self._prediction.loop.residual_spectra(values[:, : self.joint.pilot_count])
-                deviance += 2.0 * (terms.of_loop(loop[:, 0]) + terms.of_whitener(taps))
-            return np.asarray(-0.5 / self.widened * deviance)
+        if self.integrated:
+            products = self.lagged_products(values)
+            taps, further = self.regressed(products)
+            sums = np.einsum("si,sij,sj->s", taps, products, taps)
+            freedom -= self.integrated if terms is None else 0
+        else:
+            joint = self.joint
+            taps = joint.noise.filters(values[:, joint.pilot_count :], joint.band)
+            sums = self.sums_of_squares(values, taps)
+        deviance = freedom * np.log(sums) + further
+        if terms is not None:
+            loop = self._prediction.loop.residual_spectra(values[:, : self.joint.pilot_count])
+            deviance += 2.0 * (terms.of_loop(loop[:, 0]) + terms.of_whitener(taps))
+        return np.asarray(-0.5 / self.widened * deviance)
 
     def sums_of_squares(self, values: FloatArray, taps: FloatArray) -> FloatArray:
         """Sums of squares of the prediction errors, shape (sets,).

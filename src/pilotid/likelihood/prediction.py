@@ -300,10 +300,10 @@ class Prediction:
                 answers[c] = answers[c] * fine.modulated(values[:, indices])[0]
         return np.asarray(self.control_spectrum - reduce(np.add, answers))
 
-    def noticeable_terms(
+    def with_noticeable_terms(
         self, values: FloatArray, taps: FloatArray | None = None
-    ) -> tuple[float, ...]:
-        """The nuisance terms that the residual of one parameter set shows, whitened if need be.
+    ) -> Prediction:
+        """With the nuisance terms that the residual of a parameter set shows, whitened if need be.
 
         Fitting a term that is not there costs more than its degree of freedom: in a closed
         loop it biases the low-frequency parameters, since what is subtracted depends on
@@ -334,7 +334,7 @@ class Prediction:
             if squares[least] > limit:
                 break
             del kept[least]
-        return tuple(poles[place] for place in kept)
+        return replace(self, nuisance_poles=tuple(poles[place] for place in kept))
 
     def row_spectra(self, values: FloatArray, between: int = 0) -> ComplexArray:
         """Transforms of the prediction's Jacobian, and below it of the residual u - u_hat.

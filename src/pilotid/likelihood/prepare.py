@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import count
 
 import numpy as np
 
@@ -46,21 +45,6 @@ def padded(signal: FloatArray, before: int, length: int, extension: int) -> Floa
     whole[:, before - extension : before] = beyond(signal)[:, ::-1]
     whole[:, end : end + extension] = beyond(signal[:, ::-1])
     return whole
-
-
-def fast_length(samples: int) -> int:
-    """The shortest length of a fast real transform, a product of 2, 3 and 5, of so many samples.
-
-    scipy has the same as ``next_fast_len``, but takes longer to import than a fit takes.
-    """
-    return next(n for n in count(max(samples, 1)) if _is_product(n, (2, 3, 5)))
-
-
-def _is_product(number: int, primes: tuple[int, ...]) -> bool:
-    for prime in primes:
-        while number % prime == 0:
-            number //= prime
-    return number == 1
 
 
 #: Samples that a whitening filter may reach back, and that one may to whom low frequencies matter.
@@ -244,6 +228,8 @@ def window_of(
         Whether a few of the last samples are left out (at most 4 % of 300, 2.5 % of 500 or more),
         so that transforms of the window are fast: large prime factors make them slow.
     """
+    from scipy.fft import next_fast_len, prev_fast_len  # when it is needed
+
     within, total = analysis_band(recording.dt, band), recording.u.shape[1]
     factor = within.factor
     first = max(recording.run_in, round(recording.lead_in / recording.dt))
@@ -256,8 +242,8 @@ def window_of(
         )
     scored = (total - 1 - first - unseen) // factor + 1
     if fast and band is not None:
-        scored = next(n for n in range(scored, 0, -1) if _is_product(n, (2, 3, 5, 7, 11)))
+        scored = prev_fast_len(scored)
     extension = min(round(EXTENSION / recording.dt), total - 1)
     before = extension + -(extension + first) % factor
-    length = fast_length(math.ceil((before + total + extension) / factor))
+    length = next_fast_len(math.ceil((before + total + extension) / factor), real=True)
     return Window(within, before, extension, length, (before + first) // factor, scored)

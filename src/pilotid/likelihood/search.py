@@ -135,14 +135,11 @@ def maximise_likelihood(
 
     def choices(pilots: Iterable[FloatArray], noise: NoiseModel | None) -> list[RemnantChoice]:
         """One of each pilot, with the terms of the first that has such a lag as it has."""
-        every = []
-        for pilot in pilots:
-            outlasts = whole.outlasting_lag(pilot) > 0.0
+        lags = [(pilot, whole.outlasting_lag(pilot) > 0.0) for pilot in pilots]
+        for pilot, outlasts in lags:
             if outlasts not in of_lag:
-                terms = whole.noticeable_terms(pilot, first.whitener)
-                of_lag[outlasts] = replace(whole, nuisance_poles=terms)
-            every.append(RemnantChoice(of_lag[outlasts], pilot, noise, check))
-        return every
+                of_lag[outlasts] = whole.with_noticeable_terms(pilot, first.whitener)
+        return [RemnantChoice(of_lag[outlasts], pilot, noise, check) for pilot, outlasts in lags]
 
     # The lines' pilot rests on no model of the remnant.
     likely = _likely(choices([*candidates, *lines], settings.noise))
@@ -153,11 +150,11 @@ def maximise_likelihood(
         best, others = _best_and_others([best, *(c.full_fit() for c in choices(pilots, None))])
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
     for _ in range(4):
-        before = best.joint.prediction.nuisance_poles
-        terms = whole.noticeable_terms(best.pilot, best.whitener)
+        other = whole.with_noticeable_terms(best.pilot, best.whitener)
+        before, terms = best.joint.prediction.nuisance_poles, other.nuisance_poles
         if len(terms) == len(before) and np.allclose(terms, before, rtol=0.1):
             break
-        of_lag[whole.outlasting_lag(best.pilot) > 0.0] = replace(whole, nuisance_poles=terms)
+        of_lag[best.is_slow] = other
         pilots = [best.pilot, *(pilot for pilot, _ in others)]
         again = choices(pilots, best.joint.noise)
         best, others = _best_and_others([choice.full_fit() for choice in again])
@@ -182,7 +179,7 @@ def maxima_from(
     """
     first = first_fit(recording, model, settings, sets[:1], np.random.default_rng(0))
     whole = first.joint.prediction
-    prediction = replace(whole, nuisance_poles=whole.noticeable_terms(sets[0], first.whitener))
+    prediction = whole.with_noticeable_terms(sets[0], first.whitener)
     choices = [RemnantChoice(prediction, pilot, settings.noise) for pilot in sets]
     return [choice.full_fit().refined() for choice in choices]
 
@@ -559,12 +556,10 @@ def _best_and_others(
     # What is far behind where fits are compared does not compete.
     far = lowest + 2.0 * COMPETING_CRITERION
     passed = [each.refined() for each in passed if not each.criterion > far]
-    best = best_of(passed)
-    reached, others = [best.criterion], []
+    best, others = best_of(passed), list[tuple[FloatArray, float]]()
     for other in passed:
-        criterion = other.criterion
-        apart = min(abs(criterion - known) for known in reached)
-        if criterion < reached[0] + COMPETING_CRITERION and apart > 0.01:
-            reached.append(criterion)
-            others.append((other.pilot, criterion))
+        reached = [best.criterion, *(criterion for _, criterion in others)]
+        apart = min(abs(other.criterion - known) for known in reached)
+        if other.criterion < best.criterion + COMPETING_CRITERION and apart > 0.01:
+            others.append((other.pilot, other.criterion))
     return best, others

@@ -15,6 +15,7 @@ it is.  Hausman (Econometrica 46, 1978) tests specifications by such a differenc
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -31,14 +32,17 @@ from pilotid.recording.recording import Recording
 from pilotid.solve.intervals import errors_from, profile_intervals, with_information
 from pilotid.solve.least_squares import Problem, minimise, search
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, coefficients_of
+from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95, chi_squared_limit, covariance_of
+from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray
 
 #: Combinations of responses whose variance is this far below the largest one are taken for
 #: known by construction only, and left out.
 NEGLIGIBLE = 1e-10
-#: How seldom chance lets residuals exceed their errors so far that these are taken for too small.
-CLEAR = 1e-3
+#: How seldom chance lets residuals exceed their errors so far that these are taken for too small,
+#: and by how many errors a model misses a response that is in doubt as one of it.
+CLEAR, MAX_MISSED = 1e-3, 2.0
 
 
 def first_step_of(recording: Recording, model: PilotModel) -> FrequencyResponse | None:
@@ -124,11 +128,12 @@ def second_step(
     rng
         Draws the random starts.
     problem
-        What to minimise, where the response's own covariance is not all that the first
-        step knows.
+        What to minimise, where the response's own covariance is not all that the first step
+        knows; a misfit that chance does not make is then told.
     known
         An optimum found already, shape (1, parameters).
     """
+    is_tested = problem is not None and recording.runs * recording.duration >= ESTIMATE.tested_from
     problem = problem or ResponseFit(response, model)
     freedom = problem.residuals - len(model.parameters)
     if freedom < 0:
@@ -161,8 +166,15 @@ def second_step(
     estimate = make_estimate(
         name, recording, model, end.values[0], covariance, converged=bool(end.converged[0])
     )
+    missed = math.sqrt(variance)
+    words = (
+        f"the model misses the frequency response by {missed:.1f} times its errors: a channel or a "
+        "lag may be lacking, or the pilot changed; the errors of parameters are wider by as much"
+    )
+    remark = Remark("misspecified", words, "doubt" if missed > MAX_MISSED else "note")
     return replace(
         estimate,
+        remarks=(remark,) if clear and is_tested else (),
         intervals=profile.intervals,
         errors=errors_from(end.values[0], profile.intervals, model),
         iterations=minima.iterations + end.iterations,
@@ -231,7 +243,7 @@ def moved(values: FloatArray, prediction: Prediction, rng: np.random.Generator) 
     for _ in range(ROUNDS):
         residual = prediction.errors(values)
         taps = np.append(1.0, guess_parameters(WHITENS, residual, prediction.band))
-        prediction = replace(prediction, nuisance_poles=prediction.noticeable_terms(values, taps))
+        prediction = prediction.with_noticeable_terms(values, taps)
         errors = Likelihood(prediction, Whitener(taps))
         values = minimise(errors.gram, values[None], model, tolerance=1e-5, iterations=20).values[0]
     # An optimum of both steps may be a local one.

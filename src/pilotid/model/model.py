@@ -579,9 +579,7 @@ class PilotModel:
         try:
             values = {key: float(value) for key, value in values.items()}
         except (AttributeError, TypeError, ValueError):
-            raise InputError(
-                f"starts are numbers by the names of parameters, as in {{'{self.keys[0]}': 0.5}}"
-            ) from None
+            raise InputError(f"starts are numbers by name: {{'{self.keys[0]}': 0.5}}") from None
         self._require(values)
         changed = [p for p in self.parameters if p.key in values]
         for p in changed:

@@ -52,7 +52,7 @@ def load_recording(
     InputError
         If the file cannot be used; the message says where it goes wrong.
     """
-    from pilotid.recording.sidecar import Sidecar, read_sidecar
+    from pilotid.recording.sidecar import read_sidecar
 
     source = path_shown(path)
     file, part = windows.file_and_part(path)
@@ -61,10 +61,6 @@ def load_recording(
     notes = read_sidecar(file)
     read = read_table if _suffix(file, source, READ) in TEXTS else read_arrays
     variables = read(file, source)
-    if notes == Sidecar() and any(variable.name.startswith("pilotid.") for variable in variables):
-        raise InputError(
-            f"{source}: has notes in a struct pilotid; write them into a sidecar .json"
-        )
     with np.errstate(all="ignore"):  # files may hold anything
         recording = recording_of(Content(source, part, notes, variables), places, dt)
     cut = periods and notes.run_in is None

@@ -93,17 +93,14 @@ class Recording:
 
     def __post_init__(self) -> None:
         own = vars(self)  # what is given becomes what is promised; then all is frozen
-        own.update(source=printable(str(self.source)))
-        own.update(controlled_element=str(self.controlled_element))
+        source, element = printable(str(self.source)), str(self.controlled_element)
+        own.update(source=source, controlled_element=element)
         try:
+            own.update(dt=float(self.dt), run_in=index(self.run_in), lead_in=float(self.lead_in))
             lines = {name: tuple(map(index, few)) for name, few in self.lines.items() if len(few)}
-            own.update(dt=float(self.dt), run_in=index(self.run_in), lines=lines)
-            own.update(lead_in=float(self.lead_in))
         except (TypeError, ValueError, AttributeError) as error:
-            self._refuse(
-                f"dt and lead_in are seconds, run_in a whole number of samples, and lines whole "
-                f"numbers by ft and fd, as in {{'ft': (6, 13)}} ({error})"
-            )
+            self._refuse(f"{error}; dt and lead_in are seconds, run_in and lines whole numbers")
+        own["lines"] = lines
         if not 0.0 < self.dt <= COARSEST:
             self._refuse(
                 f"the sampling interval is {self.dt:.3g} s; a pilot's control needs at most "

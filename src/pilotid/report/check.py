@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pilotid.checks.checks import remarks
-from pilotid.checks.detectors import Finding, copies_among, findings, fingerprints
+from pilotid.checks.detectors import copies_among, findings, fingerprints
 from pilotid.checks.element_fit import ElementChoice, GivenElement, chosen_element
 from pilotid.checks.plant import plant_of
 from pilotid.recording.recording import SIGNALS, Recording
@@ -84,18 +84,13 @@ class Checked:
             "controlled_element": recording.controlled_element,
         }
 
-    @cached_property
-    def recorder(self) -> list[Finding]:
-        """What the recorder did to the signals."""
-        return list(findings(self.recording))
-
     def to_dict(self) -> dict[str, Any]:
         """Plain objects, in the form that `pilotid check --json` writes."""
         return {
             "recording": {**self.recording.to_dict(), **remarks_json(self.remarks)},
             "understood": {
                 **self.understood,
-                "recorder": [asdict(fault) for fault in self.recorder],
+                "recorder": [asdict(fault) for fault in findings(self.recording)],
                 "element": _element(self.element),
             },
             **remarks_json(self.remarks),
@@ -108,7 +103,8 @@ class Checked:
         rows = [tuple(signal.values()) for signal in facts["signals"]]
         signals = table(rows, "", titles, dict.fromkeys(titles[4:], "{:.4g}".format))
         lines = [*_lines(facts), f"controlled element: {_element(self.element)}"]
-        lines += [f"recorder: {f.sentence}" for f in self.recorder if f.grade == "note"]
+        notes = [f for f in findings(self.recording) if f.grade == "note"]
+        lines += [f"recorder: {fault.sentence}" for fault in notes]
         return [
             Line(self.recording.description, "heading"),
             signals,
