@@ -1,4 +1,4 @@
-"""What is stored of benchmarks, and what two runs of them say; see tests/benchmarks."""
+"""What is stored of benchmarks; see tests/benchmarks."""
 
 from __future__ import annotations
 
@@ -7,9 +7,6 @@ import platform
 import sys
 from importlib.metadata import version
 from typing import Any
-
-#: A time counts as longer if it exceeds what was stored by this factor.
-SLOWER = 1.25
 
 
 def summary_of(times: dict[str, tuple[str, float, dict[str, Any]]], unit: float) -> dict[str, Any]:
@@ -37,24 +34,6 @@ def summary_of(times: dict[str, tuple[str, float, dict[str, Any]]], unit: float)
         "platform": sys.platform,
         "times": rows,
     }
-
-
-def compared(now: dict[str, Any], before: dict[str, Any]) -> list[str]:
-    """What became slower or faster, a line each, in units, so that machines do not matter."""
-    lines = []
-    for key, row in now.items():
-        if key not in before:
-            continue
-        factor = row["units"] / before[key]["units"]
-        if factor > SLOWER or factor < 1.0 / SLOWER:
-            word = "slower" if factor > 1.0 else "faster"
-            lines.append(
-                f"{key}: {max(factor, 1.0 / factor):.2f} times {word} "
-                f"({before[key]['units']:g} units before, {row['units']:g} now)"
-            )
-    missing = [key for key in before if key not in now]
-    lines += [f"not timed now: {', '.join(missing)}"] if missing else []
-    return lines or [f"nothing became slower or faster by more than {SLOWER:g} times"]
 
 
 def _rounded(value: float) -> float:

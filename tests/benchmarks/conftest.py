@@ -1,4 +1,4 @@
-"""Stores what was timed, in units of the processor's own floor, and says what became slower."""
+"""Stores what was timed, in units of the processor's own floor."""
 
 from __future__ import annotations
 
@@ -8,19 +8,12 @@ from typing import Any
 
 import pytest
 from floor import unit
-from timings import compared, summary_of
+from timings import summary_of
 
 STORED = Path(__file__).parents[2] / "results" / "timings.json"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption(
-        "--compare",
-        nargs="?",
-        const=str(STORED),
-        metavar="FILE",
-        help="say what became slower than in a stored run (results/timings.json)",
-    )
     parser.addoption(
         "--method", action="append", default=[], metavar="FILE.py:CLASS", help="time this one, too"
     )
@@ -37,30 +30,19 @@ def necessary(request: pytest.FixtureRequest, benchmark: Any) -> Any:
     return note
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Refuse what cannot be compared with before anything is timed."""
-    given = config.getoption("--compare")
-    if given and not Path(given).is_file():
-        raise pytest.UsageError(f"{given}: no stored times; make them with --store first")
-
-
 @pytest.hookimpl(trylast=True)
 def pytest_terminal_summary(
     terminalreporter: pytest.TerminalReporter, config: pytest.Config
 ) -> None:
-    """Show what became slower, and store all if that was asked."""
+    """Store all if that was asked."""
     session: Any = getattr(config, "_benchmarksession", None)
     timed = [b for b in session.benchmarks if b.stats] if session else []
     if not timed:
         return
     report = summary_of({name(b): (b.group, b.stats.min, b.extra_info) for b in timed}, unit())
-    write = terminalreporter.write_line
-    if given := config.getoption("--compare"):
-        for line in compared(report["times"], json.loads(Path(given).read_text())["times"]):
-            write(line)
     if config.getoption("--store"):
         STORED.write_text(json.dumps(report, indent=1) + "\n")
-        write(f"stored in results/{STORED.name}")
+        terminalreporter.write_line(f"stored in results/{STORED.name}")
 
 
 def name(benchmark: Any) -> str:
