@@ -103,6 +103,13 @@ def test_an_estimate_at_its_bound_is_tested_with_that_held() -> None:
     assert estimate.specification.p_value < ESTIMATE.surely_misspecified
 
 
+def test_beside_a_forcing_function_that_was_not_recorded_it_is_a_doubt() -> None:
+    recording = replace(simulate(SCENARIOS["nominal"], np.random.default_rng(0)), fd=None)
+    estimate = identify(method_named("mle"), recording, MODELS["single"], np.random.default_rng(0))
+    assert estimate.specification.p_value < ESTIMATE.surely_misspecified
+    assert [r.grade for r in estimate.remarks if r.code == "misspecified"] == ["doubt"]
+
+
 def test_the_first_recording_of_nominal_is_no_accident_of_one_in_14000() -> None:
     rng = fit_rng(1, "mle", "nominal", 0)
     recording = simulate(SCENARIOS["nominal"], recording_rng(1, "nominal", 0))

@@ -254,6 +254,9 @@ def with_verdict(
         remarks = (Remark("misspecified", f"{NO_PILOT}; the values mean nothing"), *remarks)
     elif covariance is not None:
         tested = specification(optimum, recording, covariance, against)
+    said = tested.remarks if tested else ()
+    if recording.ft is None or recording.fd is None:  # scores scatter more (5 of 300 sound fits)
+        said = tuple(Remark(remark.code, remark, "doubt") for remark in said)
     return replace(
         estimate,
         specification=tested,
@@ -261,7 +264,7 @@ def with_verdict(
         starts=optimum.starts,
         remnant=optimum.remnant,
         band=optimum.band_of(recording),
-        remarks=(*(tested.remarks if tested else ()), *remarks),
+        remarks=(*said, *remarks),
     )
 
 

@@ -15,7 +15,6 @@ it is.  Hausman (Econometrica 46, 1978) tests specifications by such a differenc
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -166,7 +165,7 @@ def second_step(
     estimate = make_estimate(
         name, recording, model, end.values[0], covariance, converged=bool(end.converged[0])
     )
-    missed = math.sqrt(variance)
+    missed = variance**0.5
     words = (
         f"the model misses the frequency response by {missed:.1f} times its errors: a channel or a "
         "lag may be lacking, or the pilot changed; the errors of parameters are wider by as much"

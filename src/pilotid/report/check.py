@@ -103,8 +103,7 @@ class Checked:
         rows = [tuple(signal.values()) for signal in facts["signals"]]
         signals = table(rows, "", titles, dict.fromkeys(titles[4:], "{:.4g}".format))
         lines = [*_lines(facts), f"controlled element: {_element(self.element)}"]
-        notes = [f for f in findings(self.recording) if f.grade == "note"]
-        lines += [f"recorder: {fault.sentence}" for fault in notes]
+        lines += [f"recorder: {f.sentence}" for f in findings(self.recording) if f.grade == "note"]
         return [
             Line(self.recording.description, "heading"),
             signals,
