@@ -330,11 +330,11 @@ class Optimum:
 def best_of(optima: Sequence[Optimum]) -> Optimum:
     """The likeliest optimum; where its scores scatter, that of as likely ones that explains most.
 
-    One whose lag outlasts the pre-history comes behind as likely ones without: a lead with a slow
-    lag is much like a gain, and the free decay of that lag fits what it is not.
-
     The model is then wrong, and by how much one optimum exceeds another is chance (leave-one-out of
     three people who saw the target ahead: median loss to `fourier` 1.9 -> 1.3 points of VAF).
+
+    One whose lag outlasts the pre-history comes behind as likely ones without: a lead with a slow
+    lag is much like a gain, and the free decay of that lag fits what the pilot did not do.
     """
     best = min(optima, key=lambda each: each.criterion)
     if len(optima) > 1 and best.dispersion > 1.0:

@@ -134,7 +134,7 @@ class EstimateLimits(NamedTuple):
     surely_explained: float = 50.0
     vague: float = 0.25  # standard error over value of a parameter that is poorly identified
     shortest_delay: float = 0.1  # s, of people who track
-    #: s; of 1,486 simulated fits three have a delay that is surely longer, all off.
+    #: s; of 1,495 simulated fits one has a delay that is surely longer, and it is off.
     longest_delay: float = 0.5
     #: Damping ratio of a neuromuscular system below which none is published: of 2,043 simulated
     #: fits four have a determined one below, all off by more than four claimed errors.
