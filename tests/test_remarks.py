@@ -93,6 +93,7 @@ def test_a_delay_that_people_do_not_have() -> None:
     assert remark.grade == "doubt"
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.7), "tdvis", 0.6, 0.8))
     assert (remark.code, remark.grade) == ("outside-range", "doubt")
+    (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.09), "tdvis", 0.06, 0.12))
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.05), "tdvis", 0.0, 0.12))
     assert remark.startswith("tdvis is 0.05 s")
     assert remark.grade == "note"

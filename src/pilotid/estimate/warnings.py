@@ -364,11 +364,10 @@ def _steps(estimate: Estimate) -> Iterator[Remark]:
 def _outside_range(estimate: Estimate) -> Iterator[Remark]:
     """Values beyond all bounds, delays and neuromuscular systems that people do not have."""
     least = dict[str, float]()
-    for channel in estimate.model.channels:
-        for factor in channel.dynamics:
-            if isinstance(factor, Neuromuscular):
-                least[factor.damping_key] = ESTIMATE.least_damping
-                least[factor.frequency_key] = ESTIMATE.least_frequency
+    for factor, _ in estimate.model.moving:
+        if isinstance(factor, Neuromuscular):
+            least[factor.damping_key] = ESTIMATE.least_damping
+            least[factor.frequency_key] = ESTIMATE.least_frequency
     shortest, longest = ESTIMATE.shortest_delay, ESTIMATE.longest_delay
     for i, p in enumerate(estimate.model.parameters):
         value, (low, high) = float(estimate.values[i]), estimate.intervals[i].tolist()
