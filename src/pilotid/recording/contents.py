@@ -28,10 +28,7 @@ from pilotid.support.types import FloatArray, InputError
 
 UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*[^()0-9][^()]*|1)\))", re.DOTALL)
 RUN = "run"  # the column that numbers the runs of a text in long format
-COMMENT = ("#", "%", "sep=", '"sep=')  # what no row begins with
-NUMBER = r"\s*[-+]?[.,]?[0-9]"  # how a row of numbers begins
 MORE = "..."  # behind the last name, where more columns follow than there are names
-NO_NUMBERS = "<no matrix of real numbers>"  # behind names of tables, texts and the like
 READER = """
 import pickle, sys
 from scipy.io import loadmat
@@ -70,12 +67,6 @@ class Variable(NamedTuple):
     numbers: Callable[[], list[FloatArray]]
 
 
-def shown(text: object) -> str:
-    """A text from a file, quoted for a message: one line, not too long."""
-    words = " ".join(str(text).split())
-    return repr(words if len(words) <= 40 else f"{words[:40]}...")
-
-
 def is_unit(text: str) -> bool:
     """Whether a text can label an axis; a dollar sign would start a formula there."""
     return len(text) <= 40 and text.isprintable() and "$" not in text
@@ -96,7 +87,7 @@ def number_of(text: str) -> float:
         return np.nan
 
 
-def read_table(path: Path, source: str) -> list[Variable]:
+def read_table(path: Path, source: str) -> Iterator[Variable]:
     """The columns of a text file.
 
     Parameters
@@ -117,18 +108,24 @@ def read_table(path: Path, source: str) -> list[Variable]:
                 "complete or remove it, or separate cells by semicolons if decimals have commas"
             )
     header = [name.strip() for name in rows[0]]
-    units = [_unit(cell) for row in rows[1:2] for cell in row]
-    begin = 2 if any(units) and None not in units else 1
+    units = _units(rows[1]) if len(rows) > 1 else []
+    begin = 2 if units else 1
     columns = [column[begin:] for column in zip(*rows, strict=True)]
     labels = columns[header.index(RUN)] if RUN in header else [""] * len(rows[begin:])
     of_row = np.array([label.strip() for label in labels])
     runs = [of_row == label for label in dict.fromkeys(of_row.tolist())]
 
     def numbers(name: str, cells: Sequence[str]) -> list[FloatArray]:
-        column = _column(name, cells, places[begin:], source)
+        commas = any("," in cell for cell in cells) and not any("." in cell for cell in cells)
+        column = np.array([number_of(cell.replace(",", ".") if commas else cell) for cell in cells])
+        for bad in np.flatnonzero(~np.isfinite(column)).tolist():
+            raise InputError(
+                f"{source}: line {places[begin + bad]}, column {name:.40}: {cells[bad]!r:.50} is "
+                f"no finite number with a decimal {'comma' if commas else 'point'}; repair or cut "
+                "it there"
+            )
         return [column[run] for run in runs] or [column]
 
-    variables = []
     for place, (name, cells) in enumerate(zip(header, columns, strict=True)):
         family, unit = bare(name)
         numbered = None if RUN in header else re.fullmatch(r"(.+)_([0-9]{1,6})", family, re.DOTALL)
@@ -136,21 +133,8 @@ def read_table(path: Path, source: str) -> list[Variable]:
         # Columns of one name are told apart as pandas does it: state, state.1.
         same = header[:place].count(name)
         unique = f"{name}.{same}" if same else name
-        unit = unit or (units[place] or "" if begin == 2 else "")
-        variables.append(Variable(unique, family, unit, run, partial(numbers, unique, cells)))
-    return variables
-
-
-def _column(name: str, cells: Sequence[str], places: Sequence[int], source: str) -> FloatArray:
-    """A column as finite numbers."""
-    commas = any("," in cell for cell in cells) and not any("." in cell for cell in cells)
-    values = np.array([number_of(cell.replace(",", ".") if commas else cell) for cell in cells])
-    for bad in np.flatnonzero(~np.isfinite(values)).tolist():
-        raise InputError(
-            f"{source}: line {places[bad]}, column {shown(name)[1:-1]}: {shown(cells[bad])} is no "
-            f"finite number with a decimal {'comma' if commas else 'point'}; repair or cut it there"
-        )
-    return values
+        unit = unit or (units[place] if units else "")
+        yield Variable(unique, family, unit, run, partial(numbers, unique, cells))
 
 
 def _text(path: Path) -> str:
@@ -168,22 +152,23 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
     these with a name for each column is the header itself if numbers follow at once.  Names that
     end in ``...`` stand for as many as there are columns.
     """
-    every = [*enumerate(text.split("\n"), start=1)]
-    lines = [(n, line) for n, line in every if not line.lstrip().startswith(COMMENT)]
-    while len(lines) > 1 and not lines[0][1].strip():
-        del lines[0]
-    while len(lines) > 1 and not lines[-1][1].strip(",; \t"):
-        del lines[-1]
-    first, header = lines[0] if lines else (1, "")
-    separator = _separator(header)
-    rows = [(n, _cells(line, separator)) for n, line in lines] or [(1, [""])]
-    if re.match(NUMBER, header):
-        for _, line in reversed(every[: first - 1]):
-            comment = line.strip("#% \t")
-            names = _cells(comment.removesuffix(MORE), separator)
-            if len(names) == len(rows[0][1]) or comment.endswith(MORE):
-                return [(0, names + names[-1:] * (len(rows[0][1]) - len(names))), *rows]
-    return rows
+    lines = dict(enumerate(text.split("\n"), start=1))
+    marks = ("#", "%", "sep=", '"sep=')
+    rows = {n: line for n, line in lines.items() if not line.lstrip().startswith(marks)}
+    filled = [n for n, line in rows.items() if line.strip(",; \t")]
+    if not filled:
+        return [(1, [""])]
+    first = filled[0]
+    separator = _separator(lines[first])
+    table = [(n, _cells(rows[n], separator)) for n in rows if first <= n <= filled[-1]]
+    has_numbers = re.match(r"\s*[-+]?[.,]?[0-9]", lines[first])
+    for n in range(first - 1, 0, -1) if has_numbers else ():
+        comment = lines[n].strip("#% \t")
+        names = _cells(comment.removesuffix(MORE), separator)
+        further = len(table[0][1]) - len(names)
+        if further == 0 or comment.endswith(MORE):
+            return [(0, names + names[-1:] * further), *table]
+    return table
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -202,13 +187,14 @@ def _separator(line: str) -> str:
     return " " if separator not in line and " " in line.strip() else separator
 
 
-def _unit(cell: str) -> str | None:
-    """The unit in a cell of a row of units, without its brackets; None if it is none."""
-    text = re.sub(r"^\[(.*)\]$|^\((.*)\)$", r"\1\2", cell.strip()).strip()
-    return text if is_unit(text) and re.match(r"$|1$|-$|[^\W\d_]|[°%]", text) else None
+def _units(row: Sequence[str]) -> list[str]:
+    """The units in a row of them, without their brackets; none if it is another row."""
+    units = [re.sub(r"^\[(.*)\]$|^\((.*)\)$", r"\1\2", cell.strip()).strip() for cell in row]
+    are_units = all(is_unit(u) and re.match(r"$|1$|-$|[^\W\d_]|[°%]", u) for u in units)
+    return units if any(units) and are_units else []
 
 
-def read_arrays(path: Path, source: str) -> list[Variable]:
+def read_arrays(path: Path, source: str) -> Iterator[Variable]:
     """The arrays in a file.
 
     Parameters
@@ -230,13 +216,11 @@ def read_arrays(path: Path, source: str) -> list[Variable]:
         ) from None
 
     runs = Counter[str]()
-    variables = []
     for name, values in arrays.items():
         family, numbered = re.subn(r"\{[0-9]+\}", "", name)
         runs[family] += 1
         run = runs[family] if numbered else 0
-        variables.append(Variable(name, *bare(family), run, partial(list, [values])))
-    return variables
+        yield Variable(name, *bare(family), run, partial(list, [values]))
 
 
 def _arrays_in(path: Path) -> dict[str, FloatArray]:
@@ -271,7 +255,8 @@ def _named(value: Any, name: str) -> Iterator[tuple[str, FloatArray]]:
             yield from _named(inside, f"{name}{{{number}}}")
     else:
         array = np.atleast_1d(value)
-        yield name if array.dtype.kind in "fiub" else f"{name}{NO_NUMBERS}", array
+        is_real = array.dtype.kind in "fiub"
+        yield name if is_real else f"{name}<no matrix of real numbers>", array
 
 
 @cache

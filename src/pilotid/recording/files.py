@@ -8,19 +8,21 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pilotid.recording import windows
-from pilotid.recording.contents import read_arrays, read_table, shown
+from pilotid.recording.contents import read_arrays, read_table
 from pilotid.recording.recording import LEAD_IN, Recording, factor_of, joined, require_extra_name
 from pilotid.recording.roles import NAMES, Content, recording_of
 from pilotid.support.disk import path_shown, require_file, table_bytes, write_file
 from pilotid.support.types import InputError
 
-TEXTS = (".csv", ".txt", ".tsv", ".dat")
-READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz")
-WRITTEN = (".csv", ".mat", ".npz")
+READ = {
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), read_table),
+    **dict.fromkeys((".mat", ".h5", ".hdf5", ".hdf", ".npz"), read_arrays),
+}
 
 
 def load_recording(
@@ -57,12 +59,12 @@ def load_recording(
     source = path_shown(path)
     file, part = windows.file_and_part(path)
     require_file(file)
-    places = _places_of(mapping or {})
-    notes = read_sidecar(file)
-    read = read_table if _suffix(file, source, READ) in TEXTS else read_arrays
-    variables = read(file, source)
+    places, notes = _places_of(mapping or {}), read_sidecar(file)
+    places = {name: (1.0, name) for name in notes.extra} | places
+    stated = [interval for interval in (notes.dt, dt) if interval is not None]
+    variables = [*READ[_suffix(file, source, READ)](file, source)]
     with np.errstate(all="ignore"):  # files may hold anything
-        recording = recording_of(Content(source, part, notes, variables), places, dt)
+        recording = recording_of(Content(source, variables, part, notes, places, stated))
     cut = periods and notes.run_in is None
     return windows.whole_periods(recording) if cut else recording
 
@@ -78,7 +80,7 @@ def _places_of(mapping: Mapping[str, str] | str) -> dict[str, tuple[float, str]]
         factor, name = factor_of(choice)
         if signal in places or not (name and np.isfinite(factor) and factor):
             raise InputError(
-                f"the mapping {shown(pair)} names nothing, or {signal} a second time; write each "
+                f"the mapping {pair!r:.50} names nothing, or {signal} a second time; write each "
                 "once, SIGNAL=NAME or SIGNAL=-3.5*NAME"
             )
         places[signal] = factor, name
@@ -103,23 +105,22 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     """
     from pilotid.recording.sidecar import Sidecar, parsed
 
-    source = path_shown(path)
-    file = Path(path)
-    suffix = _suffix(file, source, WRITTEN)
+    source, file = path_shown(path), Path(path)
+    suffix = _suffix(file, source, (".csv", ".mat", ".npz"))
     known = {**recording.to_dict(), "extra": [*recording.extra]}
-    facts = json.dumps({name: known[name] for name in Sidecar.model_fields})
-    notes = parsed(facts, source)
-    columns = {name: recording.input(name).T for name in recording.signals}
+    notes = parsed(json.dumps({name: known[name] for name in Sidecar.model_fields}), source)
+    signals = {name: recording.input(name).T for name in recording.signals}
+    columns: dict[str, Any] = {"t": recording.time, **signals}
     stream = io.BytesIO()
     if suffix == ".mat":
         from scipy.io import savemat  # heavy, and the others do not need it
 
-        savemat(stream, {"t": recording.time[:, np.newaxis], **columns})  # type: ignore[arg-type]
+        savemat(stream, columns, oned_as="column")  # type: ignore[arg-type]
     elif suffix == ".npz":
-        np.savez_compressed(stream, t=recording.time, **columns)  # type: ignore[arg-type]
+        np.savez_compressed(stream, **columns)
     else:
         cells = {"t": [f"{t:.12g}" for t in recording.time.tolist()]}
-        for name, samples in columns.items():
+        for name, samples in signals.items():
             for run, column in enumerate(samples.T.tolist(), start=1):
                 cells[f"{name}_{run}" if recording.runs > 1 else name] = column
         stream.write(table_bytes([*cells], zip(*cells.values(), strict=True)))
