@@ -33,10 +33,6 @@ from pilotid.support.limits import ELEMENT, RECORDER
 from pilotid.support.remarks import GRADES, Grade, Remark
 from pilotid.support.types import FloatArray
 
-LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
-STEADY = 0.8  # share of the differences that a forcing function that steps leaves alone
-BINS_IN_BAND = 10  # bins of all runs in a band, of which its level is told
-
 
 @dataclass(frozen=True)
 class Finding:
@@ -126,7 +122,7 @@ class _Look:
             middle = np.array([np.median(power[begin:end]) for begin, end in bands])
             level = 10.0 * np.log10(middle + 1e-300)
             slope, at = level[3:] - level[:-3], hertz[:-3]
-            known = (at > 1.0) & (bins[:-3] >= BINS_IN_BAND)
+            known = (at > 1.0) & (bins[:-3] >= 10)  # of fewer bins no level is told
             if not known.any():
                 continue
             steepest = first = int(np.argmin(np.where(known, slope, 0.0)))
@@ -363,8 +359,8 @@ def _answer(recording: Recording) -> Answered | None:
 
 def _bands(samples: int, dt: float) -> tuple[tuple[int, int], ...]:
     """First and end of the bins of bands of a sixth of an octave, of those with five bins."""
-    top = 0.48 / dt
-    edges = np.geomspace(LOWEST, top, max(2, int(PER_OCTAVE * math.log2(top / LOWEST)) + 1))
+    lowest, top = 0.3, 0.48 / dt  # Hz
+    edges = np.geomspace(lowest, top, max(2, int(6 * math.log2(top / lowest)) + 1))
     bins = np.unique(np.ceil(edges * samples * dt).astype(int)).tolist()
     return tuple((a, b) for a, b in pairwise(bins) if b - a >= 5)
 
@@ -393,10 +389,10 @@ def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int]:
     share, order, step, score = max(scores, default=(0.0, 0, 0, 0.0))
     if not share:
         return 0.0, 0
-    # A forcing function that steps is no grid: without the largest values it still is one.
+    # A forcing function that steps is no grid: without the largest fifth a grid still is one.
     size = np.abs(np.diff(signal, -order, axis=1)).mean(axis=0)
     blocks = np.sort(size[: size.size // -step * -step].reshape(-1, -step), axis=0)
-    score, share = _of_phases(blocks[: math.ceil(STEADY * len(blocks))].mean(axis=0))
+    score, share = _of_phases(blocks[: math.ceil(0.8 * len(blocks))].mean(axis=0))
     return (score, -step) if share else (0.0, 0)
 
 

@@ -124,16 +124,13 @@ class Best(NamedTuple):
     left: float
 
 
-REACH, OUTPUT = 1.2, 0.45  # s, by which u and x are shifted at most
-STEP, SMALL = 0.05, 0.12  # s, of the shifts that are tried
-
-
 def against_forcing(signals: dict[str, FloatArray], dt: float) -> Best:
     """How u, fd and x go together with the least left, of all shifts if without them much is.
 
     (1 + z d/dt)(u(t + a) + b fd) = sum of c_j times the j-th derivative of x(t + c).
+    Shifts are 1.2 s of u and .45 s of x at most, in steps of 50 ms, and finer within .12 s.
     """
-    reach, every = int(REACH / dt), max(1, int(0.045 / dt))
+    reach, every = int(1.2 / dt), max(1, int(0.045 / dt))
     control, forcing, output = (
         derivatives(signals[name], dt, order) for name, order in (("u", 1), ("fd", 1), ("x", 4))
     )
@@ -166,7 +163,7 @@ def against_forcing(signals: dict[str, FloatArray], dt: float) -> Best:
     best = about((0, 0))
     if best.left <= MUCH:
         return best
-    small, step, most = round(SMALL / dt), max(1, round(STEP / dt)), round(OUTPUT / dt)
+    small, step, most = round(0.12 / dt), max(1, round(0.05 / dt)), round(0.45 / dt)
     fine = range(-small, small + 1, max(1, small // 10))
     # x goes with fd if u is late, and with u if fd is.
     grid = sorted({*fine, *range(-(reach // step) * step, reach, step)})
@@ -178,9 +175,7 @@ def against_forcing(signals: dict[str, FloatArray], dt: float) -> Best:
 # ------------------------------------------------------------------------ the answer of the output
 
 
-BANDS = 12  # equally wide on a logarithmic scale
 LOWEST, HIGHEST = 0.5, 15.0  # rad/s
-FEWEST_BINS = 4  # of all runs, of which the coherence of a band is made
 FEWEST_BANDS = 4
 
 
@@ -249,10 +244,14 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
 
 
 def _bands(duration: float, runs: int, count: int) -> tuple[FloatArray, IntArray]:
-    """Middles of the bands [rad/s], and the first and the end of each one's bins, (bands, 2)."""
+    """Middles of the bands [rad/s], and the first and the end of each one's bins, (bands, 2).
+
+    They are twelve, equally wide on a logarithmic scale, less those whose coherence would be made
+    of fewer than four bins of all runs.
+    """
     bins = np.arange(count) * 2.0 * np.pi / duration
-    edges = np.searchsorted(bins, np.geomspace(LOWEST, HIGHEST, BANDS + 1))
-    bands = [(a, b) for a, b in pairwise(edges.tolist()) if b - a >= max(2.0, FEWEST_BINS / runs)]
+    edges = np.searchsorted(bins, np.geomspace(LOWEST, HIGHEST, 13))
+    bands = [(a, b) for a, b in pairwise(edges.tolist()) if b - a >= max(2.0, 4.0 / runs)]
     omega = [float(np.exp(np.mean(np.log(bins[a:b])))) for a, b in bands]
     return np.array(omega), np.array(bands, dtype=int).reshape(-1, 2)
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 Format = Literal["csv", "mat", "npz"]
 Profile = Literal["quick", "full", "paper"]
-#: Methods that are compared on people where none is named.
-METHODS_FOR_PEOPLE = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")
 #: What reports of studies are written as.
 TABLES = (
     *("report.html", "report.md", "paper.html"),
@@ -64,7 +62,7 @@ def compare(
             recordings_in(folder, people),
             out=out,
             model=[known["model"]],
-            method=method or [*METHODS_FOR_PEOPLE],
+            method=method or ["mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3"],
             how=Analysis(known["pattern"], left_out=True, seed=seed, workers=workers),
             reading=Reading(mapping, float(known["dt"]) if known["dt"] else None),
         )

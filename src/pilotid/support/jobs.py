@@ -96,9 +96,8 @@ def run_tasks(
         return
     available = getattr(os, "sched_getaffinity", lambda _: range(os.cpu_count() or 1))
     count = min(workers or len(available(0)), len(tasks))
-    chosen = _processes(count) if scheduler is None else _cluster(scheduler)
     remaining, running = iter(tasks), dict[Future[Any], Task]()
-    with chosen as pool:
+    with _processes(count) if scheduler is None else _cluster(scheduler) as pool:
         while True:
             for task in islice(remaining, pool.room - len(running)):
                 running[pool.submit(function, seconds, task)] = task
