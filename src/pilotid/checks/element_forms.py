@@ -71,26 +71,15 @@ FORMS = sorted(
 #: Relative error below which two responses count as one: nobody misses it, and few recordings
 #: are better than that, as signals are held, integrated and stored.
 UNNOTICED = 5e-3
-NOISY = 0.05  # share of x in a band that nothing explains, from which v or x is noisy there
-BANDS = 8  # of frequency, each with a level of noise of its own
-OBSERVATIONS = 10.0  # independent observations from which a level of noise is told
-LINEAR_STEPS, ITERATIONS = 3, 25
-LAST_GAIN = 0.03  # of -2 log-likelihood that the last step gains
-#: s, of a delay: x may be stored ahead of u.
-EARLIEST_DELAY, LONGEST_DELAY = -0.15, 0.6
-DELAYS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s, that searches begin with
 #: The spectrum of the window sin^4(pi t/T), at multiples of 2 pi / T: its derivatives up to the
 #: third vanish at the ends, enough for equations of order 4.
 WINDOW = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 16.0
 HIGHEST = 4  # order of an equation
-HIGHEST_FREQUENCY = 25.0  # rad/s; pilots leave next to nothing above
 #: Of so many bins one is used: those between are nearly their sum.
 BIN_STEP = 2
 #: Independent observations per bin used: the window makes neighbours alike,
 #: (mean of w^2)^2 / mean of w^4 for each bin.
 INDEPENDENT = BIN_STEP * (35.0 / 128.0) ** 2 / (6435.0 / 32768.0)
-#: A constant offset reaches the bins below.
-FIRST_BIN = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +109,6 @@ class Spectra:
         The same with enough observations in each to tell a level of noise.
     size
         Mean power of the output in each fine band.
-    count
-        Independent complex observations in each fine band.
     """
 
     gain: float
@@ -133,7 +120,6 @@ class Spectra:
     fine: IntArray
     wide: IntArray
     size: FloatArray
-    count: FloatArray
 
     def inputs(self, count: int, delay: float) -> ComplexArray:
         """The first derivatives of v(t - delay), shape (count, n)."""
@@ -222,10 +208,10 @@ class FormFit:
 
 
 def _start(spectra: Spectra, form: Form, delay: float) -> FloatArray:
-    """By linear least squares, the equation divided by the last denominator."""
+    """By three steps of linear least squares, the equation divided by the last denominator."""
     poles = np.atleast_1d(np.poly([-3.0] * form.free))[1:]
     values = np.array([*np.zeros(1 + form.zeros), *poles, delay])
-    for _ in range(LINEAR_STEPS if form.free else 1):
+    for _ in range(3 if form.free else 1):
         rows = spectra.rows(form, values, 0.0) / np.sqrt(spectra.size)[spectra.fine]
         *table, goal = np.delete(rows, -2, axis=0).view(float)
         values[:-1] += np.linalg.lstsq(np.transpose(table), goal)[0]
@@ -260,27 +246,29 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
             products *= math.exp(spectra.mean_log(level))
         return grams
 
-    start = min((_start(spectra, form, delay) for delay in DELAYS), key=cost)
+    delays = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s
+    start = min((_start(spectra, form, delay) for delay in delays), key=cost)
     lower, upper = np.full((2, form.size), [[-np.inf], [np.inf]])
-    lower[-1], upper[-1] = EARLIEST_DELAY, LONGEST_DELAY
-    tolerance = LAST_GAIN / (2.0 * INDEPENDENT * observations)
+    lower[-1], upper[-1] = -0.15, 0.6  # s, as x may be stored ahead of u
+    tolerance = 0.03 / (2.0 * INDEPENDENT * observations)  # .03 of -2 log-likelihood
     space = Box(lower, upper, np.zeros(form.size, dtype=bool))
-    ends = minimise(gram, start[None], space, tolerance=tolerance, iterations=ITERATIONS)
+    ends = minimise(gram, start[None], space, tolerance=tolerance, iterations=25)
     values = ends.values[0]
     *slopes, left = spectra.rows(form, values)
     unexplained = power(left, spectra.fine) / spectra.size
+    count = INDEPENDENT * np.bincount(spectra.fine)  # independent observations in each band
     # What counts as exact is no noise that averages out over a band: its error is one.  Noise in v,
     # such as fast remnant that sampling folds down, makes the response smaller by the share left.
-    exact = UNNOTICED**2 + np.where(unexplained > NOISY, unexplained, 0.0) ** 2
-    table = (slopes / np.sqrt(spectra.level(left, exact * spectra.count))).view(float)
+    exact = UNNOTICED**2 + np.where(unexplained > 0.05, unexplained, 0.0) ** 2
+    table = (slopes / np.sqrt(spectra.level(left, exact * count))).view(float)
     covariance = np.linalg.inv(table @ table.T) / (2.0 * INDEPENDENT)
     criterion = 2.0 * INDEPENDENT * observations * cost(values)
-    criterion += form.size * math.log(2.0 * spectra.count.sum())
+    criterion += form.size * math.log(2.0 * count.sum())
     if not (np.isfinite([criterion, *values]).all() and (np.diag(covariance) > 0.0).all()):
         raise np.linalg.LinAlgError
     unit = np.where(np.arange(form.size) <= form.zeros, spectra.gain, 1.0)
-    weights = spectra.count * spectra.size
-    explained = 100.0 * max(0.0, 1.0 - float(np.average(unexplained, weights=weights)))
+    mean_left = float(np.average(unexplained, weights=count * spectra.size))
+    explained = 100.0 * max(0.0, 1.0 - mean_left)
     covariance *= np.outer(unit, unit)
     return FormFit(form, values * unit, covariance, criterion, unexplained, explained)
 
@@ -293,8 +281,9 @@ def spectra_of(recording: Recording) -> Spectra:
     # Of unit size, so that no unit is too large or too small to reckon with.
     size, answer = (float(np.std(signal)) or 1.0 for signal in (given, output))
     base = 2.0 * np.pi / (samples * recording.dt)
-    last = min(int(HIGHEST_FREQUENCY / base), int(0.4 * samples))
-    bins, near = np.arange(FIRST_BIN, last + 1, BIN_STEP), np.arange(5) - 2
+    # Pilots leave next to nothing above 25 rad/s, and a constant offset reaches the first bins.
+    last = min(int(25.0 / base), int(0.4 * samples))
+    bins, near = np.arange(3, last + 1, BIN_STEP), np.arange(5) - 2
     s = 1j * base * np.tile(bins + near[:, None], runs)
     powers = s ** np.arange(HIGHEST + 1)[:, None, None]
     drive, summands = (
@@ -304,7 +293,8 @@ def spectra_of(recording: Recording) -> Spectra:
         for signal in (given / size, output / answer)
     )
     omega, known = s[2].imag, summands.sum(axis=1)
-    fine, wide = (_bands(omega, fewest) for fewest in (1.0, OBSERVATIONS / INDEPENDENT))
+    # A level of noise is told from ten independent observations on.
+    fine, wide = (_bands(omega, fewest) for fewest in (1.0, 10.0 / INDEPENDENT))
     return Spectra(
         gain=answer / size,
         neighbours=base * near,
@@ -315,14 +305,13 @@ def spectra_of(recording: Recording) -> Spectra:
         fine=fine,
         wide=wide,
         size=power(known[0], fine),
-        count=INDEPENDENT * np.bincount(fine).astype(float),
     )
 
 
 def _bands(omega: FloatArray, fewest: float) -> IntArray:
-    """The band of every frequency, each with so many."""
+    """Which of eight bands every frequency is in, or of fewer, each with so many frequencies."""
     edges = [0.0]
-    for edge in np.geomspace(omega.min(), omega.max(), BANDS + 1)[1:-1].tolist():
+    for edge in np.geomspace(omega.min(), omega.max(), 9)[1:-1].tolist():
         if min(np.sum((omega >= edges[-1]) & (omega < edge)), np.sum(omega >= edge)) >= fewest:
             edges.append(edge)
     return np.searchsorted(edges[1:], omega, side="right")
