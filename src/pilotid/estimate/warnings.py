@@ -21,8 +21,8 @@ from pilotid.model.element import parsed_element
 from pilotid.model.factors import Neuromuscular
 from pilotid.model.loops import is_stable, pilot_on
 from pilotid.model.model import PilotModel
+from pilotid.recording.contents import listed
 from pilotid.recording.recording import Recording
-from pilotid.recording.roles import listed
 from pilotid.recording.spectra import (
     NotMultisineError,
     at_lines,

@@ -32,8 +32,8 @@ from pilotid.likelihood.optimum import Optimum
 from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.model.catalogue import MODELS, with_held
 from pilotid.model.model import PilotModel
+from pilotid.recording.contents import listed
 from pilotid.recording.recording import Recording
-from pilotid.recording.roles import listed
 from pilotid.solve.least_squares import minimise
 from pilotid.spectral.coefficients import Coefficients
 from pilotid.spectral.equations import LinesFit, fit_lines

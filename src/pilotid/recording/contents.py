@@ -14,7 +14,7 @@ import re
 import sys
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
@@ -65,6 +65,12 @@ class Variable(NamedTuple):
     unit: str
     run: int
     numbers: Callable[[], list[FloatArray]]
+
+
+def listed(names: Iterable[object]) -> str:
+    """Names in a file, for a message."""
+    texts = [f"{name!s:.40}" for name in names]
+    return ", ".join(texts[:20] + ["..."] * (len(texts) > 20)) or "none"
 
 
 def is_unit(text: str) -> bool:
@@ -158,10 +164,12 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
     filled = [n for n, line in rows.items() if line.strip(",; \t")]
     if not filled:
         return [(1, [""])]
-    first = filled[0]
-    separator = _separator(lines[first])
+    first, header = filled[0], lines[filled[0]]
+    # Spreadsheets in countries with a decimal comma separate the cells by semicolons.
+    separator = max(",;\t", key=header.count)
+    separator = " " if separator not in header and " " in header.strip() else separator
     table = [(n, _cells(rows[n], separator)) for n in rows if first <= n <= filled[-1]]
-    has_numbers = re.match(r"\s*[-+]?[.,]?[0-9]", lines[first])
+    has_numbers = re.match(r"\s*[-+]?[.,]?[0-9]", header)
     for n in range(first - 1, 0, -1) if has_numbers else ():
         comment = lines[n].strip("#% \t")
         names = _cells(comment.removesuffix(MORE), separator)
@@ -178,13 +186,6 @@ def _cells(line: str, separator: str) -> list[str]:
         return next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True), [])
     except csv.Error:
         return []
-
-
-def _separator(line: str) -> str:
-    """What separates the cells of a header."""
-    # Spreadsheets in countries with a decimal comma separate the cells by semicolons.
-    separator = max((",", ";", "\t"), key=line.count)
-    return " " if separator not in line and " " in line.strip() else separator
 
 
 def _units(row: Sequence[str]) -> list[str]:

@@ -14,8 +14,7 @@ import numpy as np
 
 from pilotid.recording import windows
 from pilotid.recording.contents import read_arrays, read_table
-from pilotid.recording.recording import LEAD_IN, Recording, factor_of, joined, require_extra_name
-from pilotid.recording.roles import NAMES, Content, recording_of
+from pilotid.recording.recording import SIGNALS, Recording, factor_of, joined, require_extra_name
 from pilotid.support.disk import path_shown, require_file, table_bytes, write_file
 from pilotid.support.types import InputError
 
@@ -54,7 +53,7 @@ def load_recording(
     InputError
         If the file cannot be used; the message says where it goes wrong.
     """
-    from pilotid.recording.sidecar import read_sidecar
+    from pilotid.recording.roles import Content, read_sidecar, recording_of  # heavy: pydantic
 
     source = path_shown(path)
     file, part = windows.file_and_part(path)
@@ -70,12 +69,12 @@ def load_recording(
 
 
 def _places_of(mapping: Mapping[str, str] | str) -> dict[str, tuple[float, str]]:
-    """A factor and a name in the file by signal; what is not one of `NAMES` is an extra signal."""
+    """A factor and a name in the file by signal; what is none of ours is an extra signal."""
     pairs = mapping.split(",") if isinstance(mapping, str) else map("=".join, mapping.items())
     places: dict[str, tuple[float, str]] = {}
     for pair in pairs:
         signal, _, choice = (text.strip() for text in pair.partition("="))
-        if signal not in NAMES:
+        if signal not in ("t", *SIGNALS):
             require_extra_name(signal)
         factor, name = factor_of(choice)
         if signal in places or not (name and np.isfinite(factor) and factor):
@@ -103,7 +102,7 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     InputError
         If the format is unknown or the file cannot be written.
     """
-    from pilotid.recording.sidecar import Sidecar, parsed
+    from pilotid.recording.roles import Sidecar, parsed
 
     source, file = path_shown(path), Path(path)
     suffix = _suffix(file, source, (".csv", ".mat", ".npz"))
@@ -163,7 +162,7 @@ class Reading:
     mapping: Sequence[str] = ()
     dt: float | None = None
     detrend: bool = False
-    lead_in: float = LEAD_IN
+    lead_in: float = Recording.lead_in
     runs: str = ""
     span: str = ""
 
