@@ -306,6 +306,14 @@ def test_intervals_hold_a_usual_neuromuscular_system_that_is_nearly_as_likely(se
     assert (system[:, 1] >= truth[2:]).all()
 
 
+def test_intervals_hold_those_about_a_pilot_with_a_usual_system() -> None:
+    # With dnm at its lower bound lead and lag end at zero, and seemed to be known to be.
+    recording, model, truth = of_stratum("short", 998045)
+    estimate = identify(MLE(), recording, model, np.random.default_rng(998045))
+    errors = np.abs(estimate.values - [truth[key] for key in model.keys])
+    assert (errors < 4.0 * estimate.std_error).all()
+
+
 @pytest.mark.parametrize(("number", "equal"), [(20030, "tlead tleadlow"), (20047, "tlead tlag")])
 def test_parameters_that_meet_have_intervals(number: int, equal: str) -> None:
     # With two leads, or a lead and a lag, of one value J'J is singular and the Hessian is not.

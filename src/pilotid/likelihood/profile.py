@@ -125,20 +125,27 @@ def off_bounds(optimum: Optimum) -> FloatArray:
     joint, values = optimum.joint, optimum.values
     model = joint.prediction.model
     at_bound = np.flatnonzero(is_at_bound(model, optimum.pilot))
-    low, high = model.usual
-    middle = np.where(model.positive, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
-    bases = [values.copy()]
+    (low, high), inside = model.usual, _inside(optimum)
     # What the lines show rests on no model of the remnant.
     remnant = values[joint.pilot_count :]
-    bases += [np.concatenate([pilot, remnant]) for pilot in optimum.lines_pilot]
-    bases[0][at_bound] = middle[at_bound]
+    bases = [inside, *(np.concatenate([pilot, remnant]) for pilot in optimum.lines_pilot)]
     points = []
     for k in at_bound.tolist():
-        for value in (low[k], middle[k], high[k]):
+        for value in (low[k], inside[k], high[k]):
             starts = np.array(bases)
             starts[:, k] = value
             points.append(_ends(optimum, starts, Box.holding(joint, k, value)))
     return np.concatenate([np.zeros((0, len(values))), *points])
+
+
+def _inside(optimum: Optimum) -> FloatArray:
+    """The optimum with what lies at bounds in the middle of its usual range, (parameters,)."""
+    model, values = optimum.joint.prediction.model, optimum.values.copy()
+    at_bound = np.flatnonzero(is_at_bound(model, optimum.pilot))
+    low, high = model.usual
+    middle = np.where(model.positive, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
+    values[at_bound] = middle[at_bound]
+    return values
 
 
 def _ends(optimum: Optimum, starts: FloatArray, space: Bounds) -> FloatArray:
@@ -164,7 +171,8 @@ def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
 
     Where forcing functions tell little of the system, the likelihood has many local optima, narrow
     resonances among them, and the best exceeds the truth by more than chi-squared allows.  So an
-    unusual system is held against one of usual damping and frequency.
+    unusual system is held against one of usual damping and frequency, and intervals hold those
+    about the likeliest pilot with such a system.
 
     Parameters
     ----------
@@ -188,18 +196,28 @@ def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
         limit = float(optimum.end.cost[0]) * math.exp(
             optimum.variance_factor * USUAL_SYSTEM_DEVIANCE / optimum.freedom
         )
+        ends = []
         for frequency, damping in product(FREQUENCIES, DAMPINGS[1:]):
-            point = start.copy()
-            point[[f, d]] = frequency, damping
+            points = np.unique([start, _inside(optimum)], axis=0)
+            points[:, [f, d]] = frequency, damping
             # The sum of all delays, which is known best, stays.
-            point[list(model.delays)] += 2.0 * (start[d] / start[f] - damping / frequency)
+            points[:, list(model.delays)] += 2.0 * (start[d] / start[f] - damping / frequency)
             fixed = Box.holding(Box.holding(joint, f, frequency), d, damping)
-            point = np.clip(point, fixed.lower, fixed.upper)
             end = minimise(
-                optimum.search_problem.gram, point[None], fixed, tolerance=1e-3, iterations=20
+                optimum.search_problem.gram, points, fixed, tolerance=1e-3, iterations=20
             )
             if end.cost[0] < limit:
-                intervals = _holding(intervals, end.values[:, : joint.pilot_count])
+                ends.append(end)
+        if ends:
+            best = min(ends, key=lambda end: float(end.cost[0]))
+            free = np.delete(np.arange(len(start)), [f, d])
+            covariance = covariance_of(best.gram[0][np.ix_(free, free)], optimum.variance)
+            reach = np.zeros(len(start))
+            if covariance is not None:
+                reach[free] = Z95 * np.sqrt(np.diag(covariance))
+            about = np.clip(best.values[0] + np.outer([-1.0, 1.0], reach), joint.lower, joint.upper)
+            points = np.array([*about, *(end.values[0] for end in ends)])
+            intervals = _holding(intervals, points[:, : joint.pilot_count])
     return intervals
 
 
