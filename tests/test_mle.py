@@ -22,9 +22,9 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.element import element_named
 from pilotid.solve.intervals import (
+    ProfileSearch,
     covariance_at_bounds,
     errors_from,
-    find_profile_end,
     profile_intervals,
 )
 from pilotid.solve.least_squares import Box, minimise
@@ -171,10 +171,10 @@ def test_an_end_is_found_although_the_search_begins_in_another_valley() -> None:
     origin = np.zeros(2)
     for beside in (0.0, 4.0):
         near = np.array([1.5, beside])
-        point, cost = find_profile_end(
-            gram, plane(-10.0, 10.0), origin, 0.0, 0.0, CHI_SQUARED_95, 0, near
-        )
-        assert point[0] == pytest.approx(np.sqrt(CHI_SQUARED_95), rel=0.04)
+        search = ProfileSearch(gram, plane(-10.0, 10.0), 0.0, [], [])
+        end = search.end(0, CHI_SQUARED_95, origin, 0.0, near)
+        (point,), (cost,) = search.points, search.costs
+        assert end == point[0] == pytest.approx(np.sqrt(CHI_SQUARED_95), rel=0.04)
         assert point[1] == pytest.approx(0.0, abs=1e-6)
         assert cost <= CHI_SQUARED_95
 

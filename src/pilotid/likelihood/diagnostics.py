@@ -45,8 +45,6 @@ from pilotid.support.types import FloatArray, IntArray
 
 # ------------------------------------------------------------------------------------- instruments
 
-#: Seconds of zeros behind a recording, in which the loop comes to rest.
-REST = 30.0
 #: Bins over which the power of the prediction error is averaged.
 SMOOTHED = 61
 
@@ -59,7 +57,8 @@ def references(
 
     target, disturbance = forcing_functions(recording)
     samples = target.shape[1]
-    length = next_fast_len(samples + round(REST / recording.dt), real=True)
+    # In 30 s of zeros behind the recording the loop comes to rest.
+    length = next_fast_len(samples + round(30.0 / recording.dt), real=True)
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(length, recording.dt), dtype=float)
     omega[0] = 1e-3 * omega[1]  # an integrator has no response at rest
     on_error, on_output = pilot_on(model, omega, values)

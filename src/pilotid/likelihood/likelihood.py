@@ -190,8 +190,9 @@ class Likelihood(Problem):
             Shape (parameters + 1,).
         """
         prediction, length = self.prediction, self.prediction.length
-        evaluated, parts = prediction.channel_parts(values[: self.pilot_count])
-        residual = prediction.control_spectrum - reduce(np.add, parts)
+        evaluated = prediction.model.evaluated(prediction.s, values[None, : self.pilot_count])
+        parts = prediction.parts(prediction.model.responses_of(evaluated))
+        residual = prediction.control_spectrum - reduce(np.add, parts)[0]
         taps, slopes = self.noise.taps(values[None, self.pilot_count :], self.band)
         filters = prediction.filter_response(np.concatenate([slopes[0], taps]))
         errors = plain = prediction.without_nuisance(prediction.samples_of(filters[-1] * residual))
@@ -206,6 +207,9 @@ class Likelihood(Problem):
             counted[-1] = 1.0 / length
         # What times a transform, summed over bins, is the product of its samples with the errors.
         adjoint = np.fft.rfft(padded).conj() * counted
-        by_pilot = prediction.slopes_along(evaluated, parts, filters[-1] * adjoint)
+        by_pilot, filtered = np.zeros(self.pilot_count), filters[-1] * adjoint
+        along = [np.sum(part[0] * filtered, axis=0) for part in parts]
+        for index, slope, total in prediction.slopes(evaluated, along):
+            by_pilot[index] += np.sum(slope * total).real
         by_remnant = -(filters[:-1] @ np.sum(residual * adjoint, axis=0)).real
         return np.concatenate([by_pilot, by_remnant, [np.vdot(plain, errors)]])

@@ -32,13 +32,6 @@ SAME_OPTIMUM_DISTANCE = 4.0
 #: Numerics: relative decrease that ends fits that are compared, and searches that creep along a
 #: flat valley.
 COMPARED_TOLERANCE = 1e-6
-#: Numerics: relative decrease of the cost that ends the fit that is reported.
-REPORTED_TOLERANCE = 1e-10
-#: Tuned: by which a band-pass must predict better, since its corner and the gain explain one
-#: another (nominal, seed 1; exotic, seed 1502).
-BAND_PASS_PENALTY = 7.0
-#: Of a filter in a band that predicts from samples to come: its likelihood has no bound.
-NO_FILTER_PENALTY = 1e9
 #: Tuned: over the scored time, by how much likelihood ratios exceed chi-squared, as pilot and
 #: remnant share what there is [s] (short, seeds from 1000).
 BARTLETT_SECONDS = 5.0
@@ -141,6 +134,8 @@ class Optimum:
         Tells whether parameters simulate the control, where that was asked.
     lines_pilot
         The pilot that the forcing functions' lines show, of shape (parameters,), if they do.
+    is_refined
+        Whether it is to the tolerance of what is reported.
     others
         Pilots of other optima that were about as likely, each of shape (parameters,), and their
         criteria.
@@ -152,6 +147,7 @@ class Optimum:
     iterations: int = 0
     check: PilotCheck | None = None
     lines_pilot: Sequence[FloatArray] = ()
+    is_refined: bool = False
     others: Sequence[tuple[FloatArray, float]] = ()
 
     @property
@@ -190,9 +186,11 @@ class Optimum:
         # Of as many residuals whatever the terms: else the unit of the control would count.
         scaling, samples = joint.scaling(self.values), joint.residuals + amplitudes
         power = float(self.end.cost[0]) / scaling / samples
-        penalty = BAND_PASS_PENALTY if isinstance(joint.noise, BandPass) else 0.0
+        # Tuned: a band-pass must predict so much better, since its corner and the gain explain one
+        # another (nominal, seed 1; exotic, seed 1502).
+        penalty = 7.0 if isinstance(joint.noise, BandPass) else 0.0
         if joint.band_terms is not None and not self.is_invertible:
-            penalty = NO_FILTER_PENALTY
+            penalty = 1e9  # what predicts from samples to come has a likelihood without bound
         penalty += joint.residuals * math.log(scaling)
         return criterion(joint.noise, power, samples, joint.pilot_count + amplitudes) + penalty
 
@@ -315,11 +313,14 @@ class Optimum:
 
     def refined(self) -> Optimum:
         """The same to the tolerance of what is reported, see `descend`."""
+        if self.is_refined:
+            return self
         joint, start = self.joint, self.end.only([0])
         if joint.adjoint:
             joint = Likelihood(joint.prediction, joint.noise)
         end = descend(joint, start.values if joint is not self.joint else start)
-        return replace(self, joint=joint, end=end, iterations=self.iterations + end.iterations)
+        iterations = self.iterations + end.iterations
+        return replace(self, joint=joint, end=end, iterations=iterations, is_refined=True)
 
     def restarted_at(self, start: FloatArray) -> Optimum:
         """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
@@ -348,9 +349,7 @@ def best_of(optima: Sequence[Optimum]) -> Optimum:
     return best
 
 
-def descend(
-    joint: Likelihood, starts: FloatArray | Minima, tolerance: float = REPORTED_TOLERANCE
-) -> Minima:
+def descend(joint: Likelihood, starts: FloatArray | Minima, tolerance: float = 1e-10) -> Minima:
     """The best optimum that starts lead to, as in `minimise`, to a tolerance.
 
     Along a flat valley the search creeps; where it got is then good enough if the tolerance of

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from pilotid.likelihood.band_likelihood import BandTerms, Weighting, group_begins
-from pilotid.likelihood.prepare import FAR, REACH, Band, Window, window_of
+from pilotid.likelihood.prepare import FAR, Band, Window, window_of
 from pilotid.model.channel import Changing, Channel
 from pilotid.model.factors import Evaluated, Response
 from pilotid.model.model import PilotModel
@@ -63,15 +63,13 @@ class FineInput:
         -------
         Arrays of shape (sets, runs, bins) and (sets, parameters, runs, bins).
         """
-        signal, slopes = self.changing.modulated(self.signals, self.time, values)
-        return self._spectrum(signal), self._spectrum(slopes)
+        modulated = self.changing.modulated(self.signals, self.time, values)
+        signal, slopes = (self.window.decimated(np.fft.rfft(m), self.ratio) for m in modulated)
+        return signal, slopes
 
     def mixed(self, weights: FloatArray) -> FineInput:
         """As `Prediction.mixed`."""
         return replace(self, signals=np.asarray(weights @ self.signals))
-
-    def _spectrum(self, signal: FloatArray) -> ComplexArray:
-        return self.window.decimated(np.fft.rfft(signal), self.ratio)
 
 
 def fine_input(recording: Recording, channel: Channel, window: Window) -> FineInput:
@@ -92,8 +90,6 @@ def fine_input(recording: Recording, channel: Channel, window: Window) -> FineIn
 
 #: Largest width of a bin of the binned spectra [rad/s]: a delay of 1 s turns by 20 deg over it.
 MAX_BINNED_WIDTH = 0.35
-#: Effect of x on each input of a channel: e = ft - x, x, ft.
-CLOSED = {"e": -1.0, "x": 1.0, "ft": 0.0}
 KEPT_SUMS = 2  # of runs, by which a pilot who changes is searched first
 BESIDE = 1.05  # ratio of the time constants of decays about one: it, and its slope
 
@@ -227,8 +223,9 @@ class Prediction:
         assert self.weighting is not None
         s = np.asarray(1j * omega, dtype=complex)
         plant = self.weighting.element.response(omega)
+        moved = {"e": -1.0, "x": 1.0, "ft": 0.0}  # by x: e = ft - x
         spectra = tuple(
-            (channel.sign * CLOSED[channel.on] * plant * s**channel.derivative)[None]
+            (channel.sign * moved[channel.on] * plant * s**channel.derivative)[None]
             for channel in self.model.channels
         )
         one = np.ones((1, omega.size), dtype=complex)
@@ -292,13 +289,22 @@ class Prediction:
         values
             Parameter sets, shape (sets, parameters).
         """
-        responses = self.model.moving_responses(self.s, values)
-        answers = [r[:, None] * signal for r, signal in zip(responses, self.inputs, strict=True)]
+        parts = self.parts(self.model.moving_responses(self.s, values))
         for c, fine in enumerate(self.fine):
             if fine:
                 indices = list(self.model.changing_indices[c])
-                answers[c] = answers[c] * fine.modulated(values[:, indices])[0]
-        return np.asarray(self.control_spectrum - reduce(np.add, answers))
+                parts[c] = parts[c] * fine.modulated(values[:, indices])[0]
+        return np.asarray(self.control_spectrum - reduce(np.add, parts))
+
+    def parts(self, responses: Sequence[Response]) -> list[ComplexArray]:
+        """What each channel adds to the prediction by its response, shape (sets, runs, bins).
+
+        Parameters
+        ----------
+        responses
+            Per channel, that of its dynamics that have parameters, shape (sets, bins).
+        """
+        return [r[:, None] * signal for r, signal in zip(responses, self.inputs, strict=True)]
 
     def with_noticeable_terms(
         self, values: FloatArray, taps: FloatArray | None = None
@@ -355,29 +361,31 @@ class Prediction:
         rows = count + between + 1
         spectrum = np.zeros((sets, rows, *self.control_spectrum.shape), dtype=complex)
         evaluated = model.evaluated(self.s, values)
-        parts: list[ComplexArray] = []
-        left = self.control_spectrum
-        responses = model.responses_of(evaluated)
-        for c, (response, fixed) in enumerate(zip(responses, self.inputs, strict=True)):
-            part = response[:, None] * fixed
-            if fine := self.fine[c]:
-                indices = model.changing_indices[c]
-                signal, by_index = fine.modulated(values[:, list(indices)])
-                for place, index in enumerate(indices):
-                    spectrum[:, index] += by_index[:, place] * part
-                part = part * signal
-            left = np.subtract(left, part, out=spectrum[:, -1])
-            parts.append(part)
-        for index, slope, total in self._slopes(evaluated, parts):
+        parts = self.parts(model.responses_of(evaluated))
+        for c, fine in enumerate(self.fine):
+            if fine:
+                indices = list(model.changing_indices[c])
+                signal, slopes = fine.modulated(values[:, indices])
+                spectrum[:, indices] += slopes * parts[c][:, None]
+                parts[c] = parts[c] * signal
+        spectrum[:, -1] = reduce(np.subtract, parts, self.control_spectrum)
+        for index, slope, total in self.slopes(evaluated, parts):
             spectrum[:, index] += (slope[:, None] if slope.ndim > 1 else slope) * total
         return spectrum
 
-    def _slopes(
+    def slopes(
         self, evaluated: Sequence[Evaluated], parts: Sequence[ComplexArray]
     ) -> Iterator[tuple[int, Response, ComplexArray]]:
         """Each log-derivative of the dynamics: its parameter, itself, and what it multiplies.
 
         What channels share, as the neuromuscular system, has its slopes by the sum of their parts.
+
+        Parameters
+        ----------
+        evaluated
+            As of `PilotModel.evaluated`.
+        parts
+            What each channel adds, or products of that.
         """
         for (_, slopes), (_, indices), channels in zip(
             evaluated, self.model.moving, self.model.sharing, strict=True
@@ -385,33 +393,6 @@ class Prediction:
             total = reduce(np.add, [parts[c] for c in channels])
             for index, slope in zip(indices, slopes, strict=True):
                 yield index, slope, total
-
-    def channel_parts(self, values: FloatArray) -> tuple[list[Evaluated], list[ComplexArray]]:
-        """What parameters, shape (parameters,), make of the dynamics, and what each channel adds.
-
-        The latter are transforms of the prediction, shape (runs, bins).
-        """
-        evaluated = self.model.evaluated(self.s, values[None])
-        responses = self.model.responses_of(evaluated)
-        return evaluated, [r[0] * signal for r, signal in zip(responses, self.inputs, strict=True)]
-
-    def slopes_along(
-        self, evaluated: list[Evaluated], parts: list[ComplexArray], adjoint: ComplexArray
-    ) -> FloatArray:
-        """Products of the prediction's Jacobian with an adjoint, summed, shape (parameters,).
-
-        Parameters
-        ----------
-        evaluated, parts
-            See `channel_parts`.
-        adjoint
-            What transforms are multiplied by, shape (runs, bins).
-        """
-        along = [np.sum(part * adjoint, axis=0) for part in parts]
-        products = np.zeros(len(self.model.parameters))
-        for index, slope, total in self._slopes(evaluated, along):
-            products[index] += np.sum(slope * total).real
-        return products
 
     @cached_property
     def inputs(self) -> list[ComplexArray]:
@@ -537,22 +518,15 @@ class Prediction:
         """Response of moving-average filters at the bins, shape (..., bins)."""
         count = taps.shape[-1]
         # Taps are real: so are the products, of real and imaginary parts side by side.
-        flat = taps.reshape(-1, count) @ self.shifts(count).view(float)
+        flat = taps.reshape(-1, count) @ self.shifts[:count].view(float)
         return np.asarray(flat.view(complex).reshape(*taps.shape[:-1], self.s.size))
 
-    def shifts(self, count: int) -> ComplexArray:
-        """Responses of delays by 0 to `count` - 1 samples at the bins, shape (count, bins)."""
-        reach = REACH if count <= REACH + 1 else FAR
-        if reach not in self._shifts:
-            powers = np.ones((reach + 1, self.s.size), dtype=complex)
-            powers[1:] = np.exp(-self.s * self.dt)
-            self._shifts[reach] = np.asarray(np.cumprod(powers, axis=0), dtype=complex)
-        return self._shifts[reach][:count]
-
     @cached_property
-    def _shifts(self) -> dict[int, ComplexArray]:
-        """Responses that are known, by the longest delay in samples."""
-        return {}
+    def shifts(self) -> ComplexArray:
+        """Responses of delays by 0 to FAR samples at the bins, shape (FAR + 1, bins)."""
+        powers = np.ones((FAR + 1, self.s.size), dtype=complex)
+        powers[1:] = np.exp(-self.s * self.dt)
+        return np.asarray(np.cumprod(powers, axis=0), dtype=complex)
 
     @property
     def nuisance_terms(self) -> FloatArray:
@@ -587,8 +561,7 @@ class Prediction:
         """The scored samples of transforms, (..., scored); of few frequencies, real numbers."""
         if self.weights is not None:
             return np.ascontiguousarray(spectrum * self.weights).view(float)
-        signal = np.fft.irfft(spectrum, n=self.length)
-        return signal[..., self.first : self.first + self.scored]
+        return self.samples_before(spectrum, 0)
 
 
 def predict(

@@ -72,7 +72,6 @@ def prediction_error_filters(autocovariance: FloatArray) -> FloatArray:
 
 
 MIN_SCORED = 3.0  # seconds that must remain to be scored
-EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 #: Shares of half the sampling rate of a band between which its low-pass filter falls from 1 to 0,
 #: and samples at the end into which it mixes what lies beyond the recording.
 FALLS, MIXED = (0.825, 1.175), 8
@@ -243,7 +242,7 @@ def window_of(
     scored = (total - 1 - first - unseen) // factor + 1
     if fast and band is not None:
         scored = prev_fast_len(scored)
-    extension = min(round(EXTENSION / recording.dt), total - 1)
+    extension = min(round(4.0 / recording.dt), total - 1)
     before = extension + -(extension + first) % factor
     length = next_fast_len(math.ceil((before + total + extension) / factor), real=True)
     return Window(within, before, extension, length, (before + first) // factor, scored)

@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import product
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -23,9 +24,6 @@ from pilotid.support.types import BoolArray, FloatArray
 
 #: Bounds of the parameters of filters; autoregressive coefficients have none.
 BOUNDS = {"frequency": (0.2, 200.0), "damping": (0.05, 5.0), "corner": (0.05, 10.0)}
-#: Numerics: points on the unit circle, and the mean logarithm of a filter there that is none of
-#: zeros inside.
-CIRCLE, OUTSIDE = 64, 0.05
 
 
 class RemnantFamily(Protocol):
@@ -121,21 +119,20 @@ class LowPass(RemnantFamily):
         values
             Parameter sets, shape (sets, parameters).
         """
-        sets = values.shape[0]
+        power, by_ratio = np.ones((len(values), omega.size)), np.zeros(1)
         if self.order == 0:
-            return np.ones((sets, omega.size)), ()
+            return power, ()
         ratio = (omega / values[:, :1]) ** 2  # (w / w0)^2
-        first = 1.0 + ratio
-        if self.order == 1:
-            return 1.0 / first, (2.0 * ratio / (first * values[:, :1]),)
-        damping = values[:, 1:2]
-        second = (1.0 - ratio) ** 2 + 4.0 * damping**2 * ratio
-        by_ratio = (-2.0 * (1.0 - ratio) + 4.0 * damping**2) / second
-        by_damping = -8.0 * damping * ratio / second
-        power = 1.0 / second
-        if self.order == 3:
-            power, by_ratio = power / first, by_ratio + 1.0 / first
-        return power, (2.0 * ratio * by_ratio / values[:, :1], by_damping)
+        by_damping: tuple[FloatArray, ...] = ()
+        if self.order > 1:
+            damping = values[:, 1:2]
+            second = (1.0 - ratio) ** 2 + 4.0 * damping**2 * ratio
+            power = power / second
+            by_ratio = (-2.0 * (1.0 - ratio) + 4.0 * damping**2) / second
+            by_damping = (-8.0 * damping * ratio / second,)
+        if self.order != 2:
+            power, by_ratio = power / (1.0 + ratio), by_ratio + 1.0 / (1.0 + ratio)
+        return power, (2.0 * ratio * by_ratio / values[:, :1], *by_damping)
 
     def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
         """See `RemnantFamily.taps`."""
@@ -257,8 +254,10 @@ def are_invertible(taps: FloatArray) -> BoolArray:
 
     Those that have predict from samples to come, and their likelihood in a band has no meaning.
     """
-    logs = np.log(np.abs(np.fft.rfft(taps, n=CIRCLE)) + 1e-300)
-    return np.asarray(2.0 * logs.sum(axis=1) - logs[:, 0] - logs[:, -1] < OUTSIDE * CIRCLE)
+    circle = 64  # points
+    logs = np.log(np.abs(np.fft.rfft(taps, n=circle)) + 1e-300)
+    # The mean is 0 where all zeros are inside.
+    return np.asarray(2.0 * logs.sum(axis=1) - logs[:, 0] - logs[:, -1] < 0.05 * circle)
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,9 +292,7 @@ FIRST_NOISE_MODEL = LowPass(2)
 @lru_cache(maxsize=32)
 def _catalogue(model: LowPass, band: Band) -> tuple[FloatArray, FloatArray]:
     """A grid of parameter sets of a model and their whitening filters."""
-    axes = model.grid()
-    mesh = np.meshgrid(*axes, indexing="ij")
-    grid = np.stack([m.ravel() for m in mesh], axis=1) if axes else np.zeros((1, 0))
+    grid = np.array([*product(*model.grid())])
     return grid, model.filters(grid, band)
 
 

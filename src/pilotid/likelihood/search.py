@@ -17,7 +17,7 @@ Steps 1 and 2 look at binned spectra, steps 3 and 4 at all samples.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
@@ -62,15 +62,6 @@ from pilotid.support.types import FloatArray
 #: Narrow and cheap band in which the first pilot of a white residual is searched [rad/s], and
 #: random starts that are screened there, and minimised.
 SEARCH_BAND, CANDIDATES, REFINED = 26.0, 12, 4
-#: How often the remnant's model is chosen anew at most.
-ROUNDS = 3
-#: Tuned: share of the information on any parameter near the edge of the band of a loop that answers
-#: at once: a narrower band biases delays by up to 10 % (eight pilots in position control, 40 runs
-#: each).
-MAX_EDGE_INFORMATION = 0.01
-#: Tuned: the same of other loops, where it is lost: steps have .13 to .31 there, multisines .00 to
-#: .07 (populations usual and inner, seed 3003).
-MAX_LOST_INFORMATION = 0.1
 #: Tuned: by which the criterion may be higher of a candidate on a first look, and of a remnant's
 #: model beside what a first pilot leaves (populations).
 LOOK_CRITERION = 20.0
@@ -257,16 +248,12 @@ def with_remnants(
     return minimise(joint.coarse.gram, starts, joint, tolerance=tolerance, iterations=iterations)
 
 
-def _rates(recording: Recording, settings: LikelihoodSettings) -> Iterator[float | None]:
+def _rates(recording: Recording, settings: LikelihoodSettings) -> list[float | None]:
     """The analysis bands to choose from [rad/s], each with less decimation than the one before."""
-    yield settings.band
-    if settings.band is None or settings.band != LikelihoodSettings.band:
-        return
-    factor = decimation(recording.dt, settings.band)
-    for rate in settings.wide:
-        if rate > settings.band and (other := decimation(recording.dt, rate)) < factor:
-            yield rate
-            factor = other
+    rates = {decimation(recording.dt, settings.band): settings.band}
+    for rate in settings.wide if settings.band == LikelihoodSettings.band else ():
+        rates.setdefault(decimation(recording.dt, rate), rate)
+    return list(rates.values())
 
 
 def wide_enough(first: Optimum) -> bool:
@@ -289,7 +276,10 @@ def wide_enough(first: Optimum) -> bool:
     power = power[power.any(axis=1)]  # nothing is known of a level that a late change never reaches
     upper = power[:, omega > 0.6 * np.pi / prediction.dt]
     biased = weighting is None or weighting.gain_is_flat_above_band
-    most = MAX_EDGE_INFORMATION if biased else MAX_LOST_INFORMATION
+    # Tuned: of a loop that answers at once a narrower band biases delays by up to 10 % (eight
+    # pilots in position control, 40 runs each).  In others information is lost: steps have .13 to
+    # .31 there, multisines .00 to .07 (populations usual and inner, seed 3003).
+    most = 0.01 if biased else 0.1
     return bool(np.max(np.sum(upper, axis=1) / np.sum(power, axis=1)) <= most)
 
 
@@ -468,18 +458,18 @@ class RemnantChoice:
     ) -> None:
         self.prediction, self.noise, self.check = prediction, noise, check
         self.pilot = self._first = pilot
-        self.iterations = 0
         self._fits: dict[NoiseModel, Optimum] = {}
-        self._exact: set[NoiseModel] = set()
 
     def suited_fit(self) -> Optimum:
         """The best of the models that suit what the pilot leaves, as exactly as is compared."""
-        return self._adopt(self._best_of(None))
+        best = self._best_of(None)
+        self.pilot = best.pilot
+        return best
 
     def full_fit(self) -> Optimum:
         """The best of all: its model is chosen anew as the pilot moves, in few rounds."""
         best = self.suited_fit()
-        for _ in range(0 if self.noise else ROUNDS - 1):
+        for _ in range(0 if self.noise else 2):
             before, best = best, self.suited_fit()
             if best.joint.noise == before.joint.noise:
                 break
@@ -490,12 +480,8 @@ class RemnantChoice:
                 best, better = self._refined(best), self._refined(better)
             if not better.criterion < best.criterion - 0.1:
                 break
-            best = self._adopt(better)
-        return replace(best, iterations=self.iterations)
-
-    def _adopt(self, fit: Optimum) -> Optimum:
-        self.pilot = fit.pilot
-        return fit
+            best, self.pilot = better, better.pilot
+        return replace(best, iterations=sum(fit.iterations for fit in self._fits.values()))
 
     def _best_of(self, models: Sequence[NoiseModel] | None) -> Optimum:
         """The best of some models, each with the pilot that goes with it; None for contenders."""
@@ -515,20 +501,15 @@ class RemnantChoice:
             joint = Likelihood(self.prediction, guess.model, adjoint=self.prediction.is_large)
             pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
             starts = np.array([np.concatenate([pilot, guess.values]) for pilot in pilots])
-            self._keep(Optimum(joint, descend(joint, starts, COMPARED_TOLERANCE), check=self.check))
+            end = descend(joint, starts, COMPARED_TOLERANCE)
+            fit = Optimum(joint, end, iterations=end.iterations, check=self.check)
+            self._fits[guess.model] = fit
         return self._fits[guess.model]
 
     def _refined(self, fit: Optimum) -> Optimum:
         """A fit to the tolerance of what is reported, made when it is first asked for."""
-        model = fit.joint.noise
-        if model not in self._exact:
-            self._exact.add(model)
-            self._keep(fit.refined())
-        return self._fits[model]
-
-    def _keep(self, fit: Optimum) -> None:
-        self.iterations += fit.end.iterations
-        self._fits[fit.joint.noise] = fit
+        fit = self._fits[fit.joint.noise] = fit.refined()
+        return fit
 
 
 def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:

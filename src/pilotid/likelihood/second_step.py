@@ -36,13 +36,6 @@ from pilotid.support.numbers import Z95, chi_squared_limit, covariance_of
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray
 
-#: Combinations of responses whose variance is this far below the largest one are taken for
-#: known by construction only, and left out.
-NEGLIGIBLE = 1e-10
-#: How seldom chance lets residuals exceed their errors so far that these are taken for too small,
-#: and by how many errors a model misses a response that is in doubt as one of it.
-CLEAR, MAX_MISSED = 1e-3, 2.0
-
 
 def first_step_of(recording: Recording, model: PilotModel) -> FrequencyResponse | None:
     """The channels' responses at the forcing lines, None where lines cannot tell them."""
@@ -95,7 +88,8 @@ def _whitener(response: FrequencyResponse) -> FloatArray:
     size = np.tile(np.abs(response.value).ravel(), 2)
     scaled = response.covariance / np.outer(size, size)
     variances, directions = np.linalg.eigh(scaled)
-    known = variances > NEGLIGIBLE * variances[-1]
+    # Combinations whose variance is far below the largest one are known by construction only.
+    known = variances > 1e-10 * variances[-1]
     return np.asarray((directions[:, known] / np.sqrt(variances[known])).T / size)
 
 
@@ -148,8 +142,8 @@ def second_step(
     for _ in range(3):
         end = with_information(minimise(problem.gram, better, model), problem.gram)
         cost = float(end.cost[0])
-        # The standardised residuals' variance is 1 unless it is clearly larger.
-        clear = freedom > 0 and cost > chi_squared_limit(freedom, CLEAR)
+        # The standardised residuals' variance is 1 unless it is larger than chance allows.
+        clear = freedom > 0 and cost > chi_squared_limit(freedom, 1e-3)
         variance = cost / freedom if clear else 1.0
         covariance = covariance_of(end.gram[0, :-1, :-1], variance)
         if covariance is None:
@@ -170,7 +164,7 @@ def second_step(
         f"the model misses the frequency response by {missed:.1f} times its errors: a channel or a "
         "lag may be lacking, or the pilot changed; the errors of parameters are wider by as much"
     )
-    remark = Remark("misspecified", words, "doubt" if missed > MAX_MISSED else "note")
+    remark = Remark("misspecified", words, "doubt" if missed > 2.0 else "note")
     return replace(
         estimate,
         remarks=(remark,) if clear and is_tested else (),
@@ -182,10 +176,6 @@ def second_step(
     )
 
 
-#: What whitens the residual.
-WHITENS = Autoregressive(8)
-#: How often the residual is whitened anew.
-ROUNDS = 2
 #: Claimed errors by which prediction errors may move an estimate that is still one.
 MAX_MOVE = 5.0
 
@@ -239,9 +229,9 @@ def against_recording(
 def moved(values: FloatArray, prediction: Prediction, rng: np.random.Generator) -> FloatArray:
     """Where prediction errors move an estimate to, shape (parameters,)."""
     model = prediction.model
-    for _ in range(ROUNDS):
+    for _ in range(2):
         residual = prediction.errors(values)
-        taps = np.append(1.0, guess_parameters(WHITENS, residual, prediction.band))
+        taps = np.append(1.0, guess_parameters(Autoregressive(8), residual, prediction.band))
         prediction = prediction.with_noticeable_terms(values, taps)
         errors = Likelihood(prediction, Whitener(taps))
         values = minimise(errors.gram, values[None], model, tolerance=1e-5, iterations=20).values[0]

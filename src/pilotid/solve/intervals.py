@@ -13,7 +13,7 @@ Identification, 2nd ed., sec. 9.2).  The inverse of A alone holds for a white re
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -196,168 +196,151 @@ def score_dispersion(rows: FloatArray, estimated: int, length: int) -> tuple[flo
 # -------------------------------------------------------------------- profile-likelihood intervals
 
 
-#: How often the others are searched, at the most, and how close to the end is close enough, as
-#: a share of the distance.
-MAX_SEARCHES, END_TOLERANCE = 14, 0.04
-#: Share of the deviance sought below which an end is not that of all valleys.
-WELL_INSIDE = 0.8
+@dataclass(frozen=True, eq=False)
+class ProfileSearch:
+    """A search for the ends of intervals, and the points that it comes upon.
 
-
-def find_profile_end(
-    gram: Gram,
-    box: Box,
-    start: FloatArray,
-    cost: float,
-    lowest: float,
-    target: float,
-    which: int,
-    near: FloatArray,
-) -> tuple[FloatArray, float]:
-    """Where the least cost at a value of one parameter reaches the target.
-
-    Parameters
-    ----------
-    gram
-        Gram matrices of residual and Jacobian.
-    box
-        Bounds, at which the search ends.
-    start, cost
-        The optimum, or another point that suits, shape (parameters,), and its cost.
-    lowest, target
-        The cost of the optimum, and the one sought.
-    which
-        Index of the parameter.
-    near
-        A point that may lie near the end, shape (parameters,): the search begins there, and goes
-        on its side of the start.
-
-    Returns
-    -------
-    The point, shape (parameters,), and the cost there, which is below the lowest one where the
-    search came upon a better optimum.
-    """
-    origin = float(start[which])
-    reach = float(near[which]) - origin
-    bound = float((box.lower if reach < 0.0 else box.upper)[which])
-    allowed = abs(bound - origin)
-    inside, outside = 0.0, math.inf
-    # The root of the deviance, as a share of that sought, grows about in proportion.
-    root_inside, root_outside = math.sqrt(max(cost - lowest, 0.0) / (target - lowest)), math.inf
-    distance = min(abs(reach), allowed)
-    point = start
-    for _ in range(MAX_SEARCHES if distance else 0):
-        fixed = Box.holding(box, which, origin + math.copysign(distance, reach))
-        end = minimise(gram, near[None], fixed, tolerance=1e-5)
-        share = (float(end.cost[0]) - lowest) / (target - lowest)
-        if share > 1.0 and near is not point:
-            near = point  # the point that was given may lie in another valley
-            continue
-        if share <= 1.0:
-            point, cost = end.values[0], float(end.cost[0])
-            inside, root_inside = distance, math.sqrt(max(share, 0.0))
-            if share < 0.0 or distance >= allowed or root_inside > 1.0 - END_TOLERANCE:
-                break
-        else:
-            outside, root_outside = distance, math.sqrt(share)
-        near = point
-        if math.isinf(outside):
-            longer = distance / max(root_inside, 1.0 / 3.0) if inside else 2.0 * distance
-            distance = min(max(longer, 1.2 * distance), allowed)
-            continue
-        if outside - inside < END_TOLERANCE * outside:
-            break
-        rise = (1.0 - root_inside) / (root_outside - root_inside) if root_outside < 3.0 else 0.5
-        distance = inside + (outside - inside) * min(max(rise, 0.1), 0.9)
-    return point, cost
-
-
-def extend_intervals(
-    gram: Gram,
-    box: Box,
-    points: list[FloatArray],
-    costs: list[float],
-    known: FloatArray,
-    lowest: float,
-    targets: FloatArray,
-) -> FloatArray:
-    """Intervals that hold all points that suit, and what of those lies farther out.
-
-    Parameters
+    Attributes
     ----------
     gram
         Gram matrices of residual and Jacobian.
     box
         Bounds, at which intervals end.
-    points, costs
-        Points, each of shape (parameters,), and their costs; what is come upon is added.
-    known
-        What is known of the intervals, of the first parameters, shape (count, 2).
     lowest
-        The least cost.
-    targets
-        The cost of the ends of each interval, shape (count,).
-
-    Returns
-    -------
-    Intervals, shape (count, 2).
+        The cost of the optimum.
+    points, costs
+        Points, each of shape (parameters,), and their costs.
     """
-    for _ in range(3):  # each round goes on where the one before has come to
-        # What suits one parameter may not suit another whose level is lower.
-        suits = np.array(costs)[:, None] <= targets
-        suiting = np.where(suits, np.array(points)[:, : len(known)], np.nan)
-        hull = np.stack([np.nanmin(suiting, axis=0), np.nanmax(suiting, axis=0)], axis=1)
-        length = np.diff(known, axis=1)[:, 0]
-        sides = np.array([-1.0, 1.0])
-        # What lies beyond an end by a tenth of the length, on the inner scale, is walked on from.
-        beyond = (hull - known) * sides > 0.1 * length[:, None]
-        known = sides * np.maximum(sides * known, sides * hull)
-        if not beyond.any():
-            break
-        for k, side in np.argwhere(beyond).tolist():
-            at = int(np.nanargmax(sides[side] * suiting[:, k]))
-            step = sides[side] * max(0.1 * float(known[k, 1] - known[k, 0]), 1e-9)
-            start, near = points[at], points[at].copy()
-            near[k] += step
-            point, cost = find_profile_end(
-                gram, box, start, costs[at], lowest, float(targets[k]), k, near
-            )
-            known[k, side] = point[k]
-            points.append(point)
-            costs.append(cost)
-    return known
 
+    gram: Gram
+    box: Box
+    lowest: float
+    points: list[FloatArray]
+    costs: list[float]
 
-def ends_of_valleys(
-    gram: Gram,
-    box: Box,
-    others: FloatArray,
-    costs: FloatArray,
-    known: FloatArray,
-    lowest: float,
-    targets: FloatArray,
-) -> list[tuple[FloatArray, float]]:
-    """Ends, and their costs, that lie farther out in another valley than where they were sought.
+    def end(
+        self, which: int, target: float, start: FloatArray, cost: float, near: FloatArray
+    ) -> float:
+        """Where the least cost at a value of one parameter reaches the target.
 
-    Parameters
-    ----------
-    gram, box, known, lowest, targets
-        As for `extend_intervals`.
-    others, costs
-        Points of other valleys, shape (points, parameters), and their costs, shape (points,).
-    """
-    found = []
-    for (k, side), end in np.ndenumerate(known):
-        level, starts = float(targets[k]), others[costs <= targets[k]]
-        if not len(starts) or not box.lower[k] < end < box.upper[k]:
-            continue
-        starts[:, k] = end
-        there = minimise(gram, starts, Box.holding(box, k, end), tolerance=1e-4, iterations=20)
-        start, cost = there.values[0], float(there.cost[0])
-        if cost - lowest < WELL_INSIDE * (level - lowest):
-            near = start.copy()
-            near[k] += (-1.0, 1.0)[side] * max(0.1 * float(known[k, 1] - known[k, 0]), 1e-9)
-            found.append(find_profile_end(gram, box, start, cost, lowest, level, k, near))
-    return found
+        The point there is added to those come upon, and the search ends early at one whose cost is
+        below the lowest.
+
+        Parameters
+        ----------
+        which
+            Index of the parameter.
+        target
+            The cost that is sought.
+        start, cost
+            The optimum, or another point that suits, shape (parameters,), and its cost.
+        near
+            A point that may lie near the end, shape (parameters,): the search begins there, and
+            goes on its side of the start.
+        """
+        close, sought = 0.04, target - self.lowest  # as a share of the distance
+        origin = float(start[which])
+        reach = float(near[which]) - origin
+        bound = float((self.box.lower if reach < 0.0 else self.box.upper)[which])
+        allowed = abs(bound - origin)
+        inside, outside = 0.0, math.inf
+        # The root of the deviance, as a share of that sought, grows about in proportion.
+        root_inside, root_outside = math.sqrt(max(cost - self.lowest, 0.0) / sought), math.inf
+        distance = min(abs(reach), allowed)
+        point = start
+        for _ in range(14 if distance else 0):
+            fixed = Box.holding(self.box, which, origin + math.copysign(distance, reach))
+            end = minimise(self.gram, near[None], fixed, tolerance=1e-5)
+            share = (float(end.cost[0]) - self.lowest) / sought
+            if share > 1.0 and near is not point:
+                near = point  # the point that was given may lie in another valley
+                continue
+            if share <= 1.0:
+                point, cost = end.values[0], float(end.cost[0])
+                inside, root_inside = distance, math.sqrt(max(share, 0.0))
+                if share < 0.0 or distance >= allowed or root_inside > 1.0 - close:
+                    break
+            else:
+                outside, root_outside = distance, math.sqrt(share)
+            near = point
+            if math.isinf(outside):
+                longer = distance / max(root_inside, 1.0 / 3.0) if inside else 2.0 * distance
+                distance = min(max(longer, 1.2 * distance), allowed)
+                continue
+            if outside - inside < close * outside:
+                break
+            rise = (1.0 - root_inside) / (root_outside - root_inside) if root_outside < 3.0 else 0.5
+            distance = inside + (outside - inside) * min(max(rise, 0.1), 0.9)
+        self.points.append(point)
+        self.costs.append(cost)
+        return float(point[which])
+
+    def end_beyond(
+        self,
+        interval: FloatArray,
+        which: int,
+        side: int,
+        target: float,
+        at: FloatArray,
+        cost: float,
+    ) -> float:
+        """As `end`, from a point outside an interval on, by a tenth of its length at first."""
+        near = at.copy()
+        near[which] += (-1.0, 1.0)[side] * max(0.1 * float(np.ptp(interval)), 1e-9)
+        return self.end(which, target, at, cost, near)
+
+    def look_in_valleys(
+        self, others: FloatArray, costs: FloatArray, known: FloatArray, targets: FloatArray
+    ) -> None:
+        """Come upon ends that lie farther out in other valleys than where they were sought.
+
+        Parameters
+        ----------
+        others, costs
+            Points of other valleys, shape (points, parameters), and their costs, shape (points,).
+        known, targets
+            The intervals, shape (count, 2), and the cost of the ends of each, shape (count,).
+        """
+        self.points.extend(others)
+        self.costs.extend(costs.tolist())
+        for (k, side), end in np.ndenumerate(known):
+            level, starts = float(targets[k]), others[costs <= targets[k]]
+            if not len(starts) or not self.box.lower[k] < end < self.box.upper[k]:
+                continue
+            starts[:, k] = end
+            held = Box.holding(self.box, k, end)
+            there = minimise(self.gram, starts, held, tolerance=1e-4, iterations=20)
+            # What is nearly as high as the level is the end that was sought.
+            if there.cost[0] - self.lowest < 0.8 * (level - self.lowest):
+                cost = float(there.cost[0])
+                self.end_beyond(known[k], k, side, level, there.values[0], cost)
+
+    def extended(self, known: FloatArray, targets: FloatArray) -> FloatArray:
+        """Intervals (count, 2) that hold all points that suit, and what of those lies farther out.
+
+        Parameters
+        ----------
+        known, targets
+            As for `look_in_valleys`.
+        """
+        for _ in range(3):  # each round goes on where the one before has come to
+            # What suits one parameter may not suit another whose level is lower.
+            suits = np.array(self.costs)[:, None] <= targets
+            suiting = np.where(suits, np.array(self.points)[:, : len(known)], np.nan)
+            hull = np.stack([np.nanmin(suiting, axis=0), np.nanmax(suiting, axis=0)], axis=1)
+            sides = np.array([-1.0, 1.0])
+            # What lies beyond an end by a tenth of the length, on the inner scale, is walked on
+            # from.
+            beyond = (hull - known) * sides > 0.1 * np.diff(known, axis=1)
+            known = sides * np.maximum(sides * known, sides * hull)
+            if not beyond.any():
+                break
+            for k, side in np.argwhere(beyond).tolist():
+                at = int(np.nanargmax(sides[side] * suiting[:, k]))
+                known[k, side] = self.end_beyond(
+                    known[k], k, side, float(targets[k]), self.points[at], self.costs[at]
+                )
+        return known
 
 
 class Profile(NamedTuple):
@@ -392,7 +375,7 @@ def profile_intervals(
     All end points are sought at once by Newton steps (Venzon & Moolgavkar, Applied
     Statistics 37, 1988): along the profiled parameter to the sought level, in all
     others to their conditional optimum.  The Hessian has the curvature that the search for
-    the optimum learned.  Ends whose steps lead away are sought by `find_profile_end`, from
+    the optimum learned.  Ends whose steps lead away are sought by `ProfileSearch.end`, from
     the nearest point that they came to.
 
     Parameters
@@ -446,14 +429,14 @@ def profile_intervals(
     points = np.clip(points + ridge, lower, upper)
     active = np.arange(2 * count)
     reached_end = np.zeros(2 * count, dtype=bool)
-    seen, reached_costs = [best[0]], [lowest]
+    search = ProfileSearch(inner, box, lowest, [best[0]], [lowest])
     closest, least_off = points.copy(), np.full(2 * count, np.inf)
     for _ in range(8):
         grams = inner(points[active])
         grams[:, :-1, :-1] += minimum.curvature[0]
         costs = grams[:, -1, -1]
-        seen += [*points[active]]
-        reached_costs += costs.tolist()
+        search.points.extend(points[active])
+        search.costs.extend(costs.tolist())
         k, direction = which[active], side[active]
         blocked = _blocked(grams, points[active], lower, upper)
         goal = target[active]
@@ -482,24 +465,17 @@ def profile_intervals(
     ends = points[np.arange(2 * count), which]
     least = lowest - 0.2 * variance  # what is lower takes the minimum's place
     known = ends.reshape(2, count).T
-    if not np.nanmin(reached_costs) < least:
+    if not np.nanmin(search.costs) < least:
         for i in np.flatnonzero(~reached_end):
-            index, level = int(which[i]), float(target[i])
-            point, cost = find_profile_end(
-                inner, box, best[0], lowest, lowest, level, index, closest[i]
-            )
-            ends[i] = point[index]
-            seen.append(point)
-            reached_costs.append(cost)
+            ends[i] = search.end(int(which[i]), float(target[i]), best[0], lowest, closest[i])
         known = np.sort(np.column_stack([ends.reshape(2, count).T, best[0, :count]]))[:, [0, -1]]
         if others is not None and len(others):
-            near, costs = scale.enter(others), gram(others)[:, -1, -1]
-            farther = ends_of_valleys(inner, box, near, costs, known, lowest, target[:count])
-            seen += [*near, *(point for point, _ in farther)]
-            reached_costs += [*costs.tolist(), *(cost for _, cost in farther)]
-        known = extend_intervals(inner, box, seen, reached_costs, known, lowest, target[:count])
-    best_of_all = int(np.nanargmin(reached_costs))
-    better = scale.leave(seen[best_of_all]) if reached_costs[best_of_all] < least else None
+            costs = gram(others)[:, -1, -1]
+            search.look_in_valleys(scale.enter(others), costs, known, target[:count])
+        known = search.extended(known, target[:count])
+    lowest_of_all = int(np.nanargmin(search.costs))
+    is_better = search.costs[lowest_of_all] < least
+    better = scale.leave(search.points[lowest_of_all]) if is_better else None
     found = LogTransform(space.positive[:count]).leave(known.T)
     low, high = np.clip(found, space.lower[:count], space.upper[:count])
     values = minimum.values[0, :count]
@@ -517,15 +493,13 @@ def _blocked(
 
 def _errors(gram: FloatArray, blocked: BoolArray, variance: float) -> FloatArray:
     """Standard errors, each with all other parameters free but those held by their bounds."""
-    hessian = gram[:-1, :-1]
-    errors = np.empty(len(hessian))
-    for k in range(len(hessian)):
-        fixed = blocked & (np.arange(len(hessian)) != k)
-        free = np.where(fixed[:, None] | fixed, np.eye(len(hessian)), hessian)
-        size = np.sqrt(np.maximum(np.diag(free), 1e-300))
-        variance_share = float(np.linalg.inv(free / np.outer(size, size))[k, k])
-        errors[k] = math.sqrt(max(variance_share, 1.0) * variance) / float(size[k])
-    return errors
+    size = np.sqrt(np.maximum(np.diag(gram)[:-1], 1e-300))
+    index = np.arange(len(size))
+    fixed = blocked & (index[:, None] != index)
+    scaled = gram[:-1, :-1] / np.outer(size, size)
+    free = np.where(fixed[:, :, None] | fixed[:, None], np.eye(len(size)), scaled)
+    share = np.linalg.inv(free)[index, index, index]
+    return np.asarray(np.sqrt(np.maximum(share, 1.0) * variance) / size)
 
 
 def _step(

@@ -354,24 +354,22 @@ def _step(
     return damped, undamped, np.vecdot(right, undamped)
 
 
-def _solved(
-    matrix: FloatArray, right: FloatArray, damping: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Damped and undamped steps; negative curvature is turned round, so that they descend."""
+def _solved(matrix: FloatArray, right: FloatArray, damping: FloatArray) -> FloatArray:
+    """Damped and undamped steps, (2, sets, p); negative curvature is turned: they descend."""
     with suppress(np.linalg.LinAlgError):  # more exact than eigenvalues along a flat valley
         pivots = np.diagonal(np.linalg.cholesky(matrix), axis1=1, axis2=2)
         if pivots.min() > 1e-6:
             damped = matrix + damping[:, None, None] * np.eye(right.shape[1])
-            both = np.linalg.solve(np.stack([damped, matrix]), right[:, :, None])[..., 0]
-            return both[0], both[1]
+            return np.asarray(np.linalg.solve(np.stack([damped, matrix]), right[:, :, None]))[
+                ..., 0
+            ]
     # A start outside the model's domain has no Hessian; it goes nowhere.
     finite = np.isfinite(matrix).all(axis=(1, 2), keepdims=True)
     eigenvalues, vectors = np.linalg.eigh(np.where(finite, matrix, 0.0))
     eigenvalues = np.maximum(np.abs(eigenvalues), 1e-9)
     along = (right[:, None] @ vectors)[:, 0]
     each = np.stack([along / (eigenvalues + damping[:, None]), along / eigenvalues])
-    both = (vectors @ each[..., None])[..., 0]
-    return both[0], both[1]
+    return np.asarray((vectors @ each[..., None])[..., 0])
 
 
 def _secant(
@@ -421,14 +419,10 @@ def solve_linear(
     old = values[:, index]
     new = np.where(old + step > lower[index], old + step, 0.1 * old)
     change = new - old
-    cost = (
-        grams[:, -1, -1]
-        - 2.0 * np.einsum("sk,sk->s", change, descent)
-        + np.einsum("sk,skl,sl->s", change, hessian, change)
-    )
+    slope = (hessian @ change[:, :, None])[:, :, 0] - 2.0 * descent
     result = values.copy()
     result[:, index] = new
-    return result, cost
+    return result, grams[:, -1, -1] + np.vecdot(change, slope)
 
 
 class SearchSpace(Bounds, Protocol):
