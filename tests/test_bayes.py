@@ -204,7 +204,7 @@ def test_the_posterior_of_a_gain_alone_is_that_of_a_quadrature() -> None:
     estimate = method.fit(SIMPLE, model, np.random.default_rng(6))
     settings = replace(method, noise=LowPass(0), loop=False)
     optimum = maximise_likelihood(SIMPLE, model, np.random.default_rng(6), settings)
-    grid = np.linspace(0.8, 1.2, 4001) * estimate.values[0]
+    grid = np.linspace(0.8, 1.2, 401) * estimate.values[0]
     # A Student-t density in closed form: the response is linear in the gain.
     squares = Posterior(optimum.joint).sums_of_squares(grid[:, None], np.ones((grid.size, 1)))
     a, b, c = np.polyfit(grid, squares, 2)

@@ -265,8 +265,10 @@ class BandTerms:
         return np.asarray(grams)
 
 
-def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[FloatArray, FloatArray]:
-    """Autoregressions that are most likely in a band, each given its pilot.
+def most_likely_regression(
+    products: FloatArray, terms: BandTerms | None
+) -> tuple[FloatArray, FloatArray]:
+    """Autoregressions that are most likely, each given its pilot.
 
     Parameters
     ----------
@@ -274,29 +276,31 @@ def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[Floa
         Products of the residual at all pairs of lags, those outside the band included, shape
         (sets, order + 1, order + 1).
     terms
-        The band.
+        The band; None for direct prediction errors.
 
     Returns
     -------
-    Whitening filters, shape (sets, order + 1), and log-determinants of the Hessians of
-    (n / 2) log(sum of squares) - sum V log |A|^2 there, shape (sets,).
+    Whitening filters, shape (sets, order + 1), and log-determinants there, shape (sets,), of the
+    Hessians of (n / 2) log(sum of squares) - sum V log |A|^2; of half the sum of squares without a
+    band.
     """
-    order, size = products.shape[1] - 1, float(terms.residuals)
-    taps = np.ones(products.shape[:2])
-    taps[:, 1:] = -np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])[..., 0]
-    shifts = terms.shifts[: 2 * order + 1]
-    sums = np.add.outer(np.arange(1, order + 1), np.arange(1, order + 1))
-    for _ in range(4):
-        along = (products @ taps[..., None])[..., 0]
-        squares = np.vecdot(along, taps)
-        inverse = 1.0 / (taps @ shifts[: order + 1])
-        slope = size * along[:, 1:] / squares[:, None]
-        slope -= 2.0 * ((inverse * terms.whitened) @ shifts[1 : order + 1].T).real
-        hessian = size * products[:, 1:, 1:] / squares[:, None, None]
-        across = along[:, 1:] / squares[:, None]
-        hessian -= 2.0 * size * across[:, :, None] * across[:, None, :]
-        hessian += 2.0 * ((inverse**2 * terms.whitened) @ shifts.T).real[:, sums]
-        taps[:, 1:] -= np.linalg.solve(hessian, slope[..., None])[..., 0]
+    taps, hessian = np.ones(products.shape[:2]), products[:, 1:, 1:]
+    taps[:, 1:] = -np.linalg.solve(hessian, products[:, 1:, :1])[..., 0]
+    if terms is not None:
+        order, size = products.shape[1] - 1, float(terms.residuals)
+        shifts = terms.shifts[: 2 * order + 1]
+        sums = np.add.outer(np.arange(1, order + 1), np.arange(1, order + 1))
+        for _ in range(4):
+            along = (products @ taps[..., None])[..., 0]
+            squares = np.vecdot(along, taps)
+            inverse = 1.0 / (taps @ shifts[: order + 1])
+            slope = size * along[:, 1:] / squares[:, None]
+            slope -= 2.0 * ((inverse * terms.whitened) @ shifts[1 : order + 1].T).real
+            hessian = size * products[:, 1:, 1:] / squares[:, None, None]
+            across = along[:, 1:] / squares[:, None]
+            hessian -= 2.0 * size * across[:, :, None] * across[:, None, :]
+            hessian += 2.0 * ((inverse**2 * terms.whitened) @ shifts.T).real[:, sums]
+            taps[:, 1:] -= np.linalg.solve(hessian, slope[..., None])[..., 0]
     sign, log_determinant = np.linalg.slogdet(hessian)
     return taps, np.where(sign > 0.0, log_determinant, np.nan)
 

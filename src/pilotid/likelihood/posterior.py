@@ -33,7 +33,7 @@ likely (Laplace).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -51,16 +51,12 @@ from pilotid.support.types import BoolArray, FloatArray, InputError
 
 # --------------------------------------------------------------------------- priors and likelihood
 
-#: Standard deviations from the middle of a normal distribution that hold four fifths of it.
-FOUR_FIFTHS = 1.2815515655446004
-
 
 class Prior(Protocol):
     """What is asked of a prior; a frozen distribution of scipy.stats has it."""
 
     def logpdf(self, x: FloatArray) -> FloatArray:
         """Logarithm of the density."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -79,9 +75,7 @@ class LogNormal:
     spread: float
 
     def logpdf(self, x: FloatArray) -> FloatArray:
-        offset = np.log(x / self.median) / self.spread
-        constant = math.log(self.spread * math.sqrt(2.0 * math.pi))
-        return np.asarray(-0.5 * offset * offset - np.log(x) - constant)
+        return Normal(math.log(self.median), self.spread).logpdf(np.log(x)) - np.log(x)
 
 
 @dataclass(frozen=True)
@@ -123,7 +117,8 @@ class HalfCauchy:
 def default_prior(parameter: Parameter, times: float = 1.0) -> Prior:
     """The prior of a pilot parameter, what is known of it before the recording, so much wider."""
     low, high = parameter.usual
-    spread = 0.5 * times / FOUR_FIFTHS
+    # So many standard deviations about the middle hold four fifths of a normal distribution.
+    spread = 0.5 * times / 1.2815515655446004
     if parameter.linear and parameter.positive:
         return HalfCauchy(times * high)
     if parameter.positive:
@@ -179,10 +174,6 @@ def priors_of(
 
 BLOCK = 16  # parameter sets evaluated at once: about what the processor's cache holds
 
-#: Standard deviations, on the inner scale, beyond which nobody looks for a parameter: they
-#: keep the first guess of the covariance finite where the likelihood knows nothing.
-BROAD_LOG, BROAD_LINEAR = 2.0, 0.5
-
 
 class Posterior:
     """Log-density by the parameters of the pilot and those of the remnant that stay.
@@ -236,7 +227,8 @@ class Posterior:
             prior = np.sum([prior.logpdf(column) for prior, column in columns], axis=0)
             # d value / d log(value) = value
             slope = np.sum(points[inside][:, self.positive], axis=1)
-            result[inside] = self.log_likelihood(sets) + prior + slope
+            blocks = np.split(sets, range(BLOCK, len(sets), BLOCK))
+            result[inside] = np.concatenate([*map(self.log_likelihood, blocks)]) + prior + slope
         return np.where(np.isfinite(result), result, -np.inf)
 
     def log_likelihood(self, values: FloatArray) -> FloatArray:
@@ -247,19 +239,19 @@ class Posterior:
         values
             Parameter sets inside the bounds, shape (sets, parameters).
         """
-        terms, freedom, further = self._terms, self.joint.residuals, np.zeros(len(values))
+        joint, terms, further = self.joint, self._terms, np.zeros(len(values))
+        freedom = joint.residuals
         if self.integrated:
             products = self.lagged_products(values)
             taps, further = self.regressed(products)
             sums = np.einsum("si,sij,sj->s", taps, products, taps)
             freedom -= self.integrated if terms is None else 0
         else:
-            joint = self.joint
             taps = joint.noise.filters(values[:, joint.pilot_count :], joint.band)
             sums = self.sums_of_squares(values, taps)
         deviance = freedom * np.log(sums) + further
         if terms is not None:
-            loop = self._prediction.loop.residual_spectra(values[:, : self.joint.pilot_count])
+            loop = self._prediction.loop.residual_spectra(values[:, : joint.pilot_count])
             deviance += 2.0 * (terms.of_loop(loop[:, 0]) + terms.of_whitener(taps))
         return np.asarray(-0.5 / self.widened * deviance)
 
@@ -274,14 +266,12 @@ class Posterior:
             The whitening filter of each, shape (sets, taps).
         """
         prediction = self._prediction
-        sums = np.empty(len(values))
-        for block in _blocks(len(values)):
-            spectra = prediction.residual_spectra(values[block, : self.joint.pilot_count])
-            if taps.shape[1] > 1:
-                spectra *= prediction.filter_response(taps[block])[:, None, :]
-            errors = prediction.without_nuisance(prediction.samples_of(spectra))
-            errors = prediction.weighted_rows(errors).reshape(len(errors), -1)
-            sums[block] = np.vecdot(errors, errors)
+        spectra = prediction.residual_spectra(values[:, : self.joint.pilot_count])
+        if taps.shape[1] > 1:
+            spectra *= prediction.filter_response(taps)[:, None, :]
+        errors = prediction.without_nuisance(prediction.samples_of(spectra))
+        errors = prediction.weighted_rows(errors).reshape(len(errors), -1)
+        sums = np.asarray(np.vecdot(errors, errors))
         if self._terms is not None:
             count = taps.shape[1]
             sums += np.vecdot(taps @ self._terms.outside[:count, :count], taps)
@@ -298,35 +288,30 @@ class Posterior:
         Array of shape (sets, order + 1, order + 1).
         """
         prediction, order = self._prediction, self.integrated
-        result = np.empty((len(values), order + 1, order + 1))
-        for block in _blocks(len(values)):
-            spectra = prediction.residual_spectra(values[block, : self.joint.pilot_count])
-            signal = prediction.samples_before(spectra, order)
-            if prediction.nuisance_poles:
-                # Fitted to the scored samples and taken out of all: what is left of them at other
-                # lags is then small beside the residual, whatever the offset was.
-                amplitudes = signal[..., order:] @ np.linalg.pinv(prediction.nuisance_terms).T
-                time = np.arange(-order, prediction.scored) * prediction.dt
-                signal = signal - amplitudes @ np.exp(np.outer(prediction.nuisance_poles, time))
-            lags = np.moveaxis(prediction.lagged(signal, order), 0, 1)
-            if self._terms is None:
-                lags = prediction.without_nuisance(lags)
-            flat = lags.reshape(*lags.shape[:2], -1)
-            result[block] = flat @ flat.transpose(0, 2, 1)
+        spectra = prediction.residual_spectra(values[:, : self.joint.pilot_count])
+        signal = prediction.samples_before(spectra, order)
+        if prediction.nuisance_poles:
+            # Fitted to the scored samples and taken out of all: what is left of them at other
+            # lags is then small beside the residual, whatever the offset was.
+            amplitudes = signal[..., order:] @ np.linalg.pinv(prediction.nuisance_terms).T
+            time = np.arange(-order, prediction.scored) * prediction.dt
+            signal = signal - amplitudes @ np.exp(np.outer(prediction.nuisance_poles, time))
+        lags = np.moveaxis(prediction.lagged(signal, order), 0, 1)
+        if self._terms is None:
+            lags = prediction.without_nuisance(lags)
+        flat = lags.reshape(*lags.shape[:2], -1)
+        products = np.asarray(flat @ flat.transpose(0, 2, 1))
         if self._terms is not None:
-            result += self._terms.outside[: order + 1, : order + 1]
-        return result
+            products += self._terms.outside[: order + 1, : order + 1]
+        return products
 
     def regressed(self, products: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Whitening filters that suit best, and log-determinants of what was integrated out."""
-        if self._terms is not None:
-            taps, further = most_likely_regression(products, self._terms)
-            # In a band the likelihood of a filter that predicts from samples to come has no bound.
-            return taps, np.where(are_invertible(taps), further, np.nan)
-        taps = np.ones(products.shape[:2])
-        taps[:, 1:] = -np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])[..., 0]
-        sign, log_determinant = np.linalg.slogdet(products[:, 1:, 1:])
-        return taps, np.where(sign > 0.0, log_determinant, np.nan)
+        taps, further = most_likely_regression(products, self._terms)
+        if self._terms is None:
+            return taps, further
+        # In a band the likelihood of a filter that predicts from samples to come has no bound.
+        return taps, np.where(are_invertible(taps), further, np.nan)
 
     def approximation(self, maximum: Optimum) -> tuple[FloatArray, FloatArray]:
         """Mode of the likelihood and covariance there, on the inner scale.
@@ -341,17 +326,14 @@ class Posterior:
         values = end.values[:1]
         variance = max(float(end.cost[0]), np.finfo(float).tiny) / joint.residuals
         information = scale.inner(end.gram[:1], values)[0, :-1, :-1] / variance
-        broad = np.where(joint.positive, BROAD_LOG, BROAD_LINEAR) ** -2.0
+        # Beyond these standard deviations nobody looks for a parameter: the covariance is finite
+        # where the likelihood knows nothing.
+        broad = np.where(joint.positive, 2.0, 0.5) ** -2.0
         # At a bound the likelihood need not be a summit in every direction.
         sizes, along = np.linalg.eigh(information)
         information = (along * np.maximum(sizes, 0.0)) @ along.T
         covariance = np.asarray(np.linalg.inv(information + np.diag(broad)))
         return scale.enter(values)[0, : self.count], covariance[: self.count, : self.count]
-
-
-def _blocks(count: int) -> Iterator[slice]:
-    """Slices of `BLOCK` parameter sets that cover so many."""
-    return (slice(begin, begin + BLOCK) for begin in range(0, count, BLOCK))
 
 
 # ---------------------------------------------------------------------------------------- sampling
@@ -361,25 +343,12 @@ def _blocks(count: int) -> Iterator[slice]:
 LogDensity = Callable[[FloatArray], FloatArray]
 
 FREEDOM = 10.0  # of the Student-t distributions: tails heavier than a likelihood's
-WIDE, DEFENCE = 4.0, 0.05  # scale of a second copy of each over that of the first, and its share
-NARROW = 0.5  # scale of a part where it knows no better, over that of all draws
-ITERATIONS = 8  # of expectation and maximisation
-EMPTY = 1e-12  # weight of the draws of a part that has none
-SCOUTS, STAGES = 400, 8  # draws of each proposal, and proposals at the most
-#: Effective draws by dimension that end the search for a proposal, and that one is fitted to:
-#: weights that leave fewer, because few points have them all, are flattened.
-ENOUGH = 20.0
-PARTS = 8  # of mixtures fitted to chains
 #: Steps of a run before it is looked at, by the mixtures fitted before it, and the share of its
 #: moves that do not depend on the walkers: where these are followed badly, the others are better.
 RUNS = ((44, 0.9), (66, 0.9), (176, 0.6), (352, 0.6), (352, 0.6), (352, 0.6))
-SLOW = 12.0  # autocorrelation time [steps] from which on another mixture is worth its time
-
-ENSEMBLES, WALKERS = 2, 24  # independent ensembles, and walkers of each at least
-JUMPS = 0.1  # share of the differential moves that go from one mode to another
+ENSEMBLES = 2  # independent ones
 SETTLED = 2.0  # autocorrelation times that are thrown away at the start
 LONG = 5.0  # autocorrelation times that a run has at least: a shorter one does not know them
-WINDOW = 5.0  # autocorrelation times over which correlations are summed (Sokal 1997)
 
 
 class Mixture:
@@ -428,11 +397,11 @@ class Mixture:
     @property
     def defended(self) -> Mixture:
         """The same with a wider copy of each part, which finds what the narrow ones miss."""
-        shares = np.append((1.0 - DEFENCE) * self.shares, DEFENCE * self.shares)
+        shares = np.append(0.95 * self.shares, 0.05 * self.shares)
         return Mixture(
             shares / shares.sum(),
             np.concatenate([self.centres, self.centres]),
-            np.concatenate([self.scales, WIDE * self.scales]),
+            np.concatenate([self.scales, 4.0 * self.scales]),
         )
 
 
@@ -456,19 +425,19 @@ def fitted(
     rng
         Chooses where parts start.
     """
-    dimensions, least = points.shape[1], NARROW * covariance
+    dimensions, least = points.shape[1], 0.5 * covariance
     # As much as so many effective draws weigh as there are dimensions.
     doubt = min(1.0, dimensions * float(np.sum(weights**2)))
     starts = points[rng.choice(len(points), parts, p=weights)]
     mixture = Mixture(np.full(parts, 1.0 / parts), starts, np.tile(least, (parts, 1, 1)))
-    for _ in range(ITERATIONS):
+    for _ in range(8):  # expectation and maximisation
         logs = mixture.by_part(points)
         part = np.exp(logs - np.logaddexp.reduce(logs, axis=0)) * weights
         pull = part * (FREEDOM + dimensions) / (FREEDOM + mixture.distances(points))
         total = pull.sum(axis=1, keepdims=True)
         # A part that no draw supports stays where it is.
-        moved = (pull[:, None] @ points)[:, 0] / np.maximum(total, EMPTY)
-        centres = np.where(total > EMPTY, moved, mixture.centres)
+        moved = (pull[:, None] @ points)[:, 0] / np.maximum(total, 1e-12)
+        centres = np.where(total > 1e-12, moved, mixture.centres)
         offsets = points - centres[:, None]
         scales = (offsets.swapaxes(1, 2) * pull[:, None]) @ offsets + doubt * least
         weight = part.sum(axis=1) + doubt
@@ -496,32 +465,29 @@ def explored(
     Mixture, draws (draws, dimensions) and weights (draws,); None where the density is zero all
     around the centre.
     """
+    from scipy.special import softmax
+
     proposals = [Mixture(np.ones(1), centre[None], covariance[None]).defended]
     points, target = np.zeros((0, centre.size)), np.zeros(0)
-    enough = ENOUGH * centre.size
-    for _ in range(STAGES):
-        more = proposals[-1].draw(rng, SCOUTS)
+    # Weights that leave fewer effective draws, because few points have them all, are flattened.
+    enough = 20.0 * centre.size
+    for _ in range(8):
+        more = proposals[-1].draw(rng, 400)
         points, target = np.concatenate([points, more]), np.append(target, log_density(more))
         # All draws count as of the mixture of all proposals.
         logs = target - np.logaddexp.reduce([p.log_density(points) for p in proposals], axis=0)
         if not np.isfinite(logs).any():
             return None
-        weights, power = _weights(logs), 1.0
+        weights, power = softmax(logs), 1.0
         unflattened = effective = 1.0 / np.sum(weights**2)
         while effective < enough and power > 1e-3:
             power *= 0.7
-            weights = _weights(power * logs)
+            weights = softmax(power * logs)
             effective = 1.0 / np.sum(weights**2)
         proposals.append(fitted(points, weights, covariance, 1, rng))
         if unflattened >= enough:
             break
     return proposals[-1], points, weights
-
-
-def _weights(logs: FloatArray) -> FloatArray:
-    """Weights that sum to 1 by their logarithms."""
-    weights = np.exp(logs - np.max(logs))
-    return np.asarray(weights / weights.sum())
 
 
 def sample(
@@ -564,13 +530,13 @@ def sample(
         drawn = proposal.draw(rng, len(walkers))
         return drawn, proposal.log_density(walkers) - proposal.log_density(drawn)
 
-    count = max(WALKERS, 2 * centre.size + 2)
+    count = max(24, 2 * centre.size + 2)
 
     def sampler_of(share: float) -> emcee.EnsembleSampler:
         moves = [
             (emcee.moves.MHMove(independent), share),
-            (emcee.moves.DEMove(), (1.0 - JUMPS) * (1.0 - share)),
-            (emcee.moves.DEMove(gamma0=1.0), JUMPS * (1.0 - share)),
+            (emcee.moves.DEMove(), 0.9 * (1.0 - share)),
+            (emcee.moves.DEMove(gamma0=1.0), 0.1 * (1.0 - share)),  # from one mode to another
         ]
         return emcee.EnsembleSampler(
             count, centre.size, posterior.log_density, moves=moves, vectorize=True
@@ -597,10 +563,10 @@ def sample(
         if draws.converged or done >= most:
             return draws
         times = float(np.max(draws.autocorrelation))
-        if refits + 1 < len(RUNS) and times > SLOW:
+        if refits + 1 < len(RUNS) and times > 12.0:  # another mixture is worth its time
             chains = np.concatenate([sampler.get_chain(flat=True) for sampler in samplers])
             every = np.full(len(chains), 1.0 / len(chains))
-            proposal = fitted(chains, every, np.cov(chains.T), PARTS, rng)
+            proposal = fitted(chains, every, np.cov(chains.T), 8, rng)
             refits, done = refits + 1, 0
             continue
         # A short run underestimates its autocorrelation time.
@@ -653,13 +619,10 @@ def autocorrelation_times(chains: FloatArray) -> FloatArray:
     power = np.mean(spectrum.real**2 + spectrum.imag**2, axis=(0, 2))
     products = np.fft.irfft(power, n=length, axis=0)[:steps]
     products /= np.arange(steps, 0, -1)[:, None]
-    times = np.ones(chains.shape[-1])
-    for i, covariances in enumerate(products.T):
-        if covariances[0] > 0.0:
-            sums = 2.0 * np.cumsum(covariances / covariances[0]) - 1.0
-            within = np.arange(steps) >= WINDOW * sums
-            times[i] = max(1.0, sums[int(np.argmax(within)) if within.any() else -1])
-    return times
+    sums = 2.0 * np.cumsum(products / np.maximum(products[0], 1e-300), axis=0) - 1.0
+    within = np.arange(steps)[:, None] >= 5.0 * sums  # the window of Sokal (1997)
+    last = np.where(within.any(axis=0), np.argmax(within, axis=0), -1)
+    return np.asarray(np.maximum(1.0, sums[last, np.arange(last.size)]))
 
 
 def r_hat(chains: FloatArray) -> FloatArray:
