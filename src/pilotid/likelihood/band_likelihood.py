@@ -114,10 +114,8 @@ class BandTerms:
         #: Frequencies of groups of bins [rad/s], shape (groups,).
         self.omega = np.append(0.25 * omega[0], middle)
         #: Sums of the weights of all runs in each group, and of those of the remnant's model.
-        self.inside, self.whitened = (
-            np.append(mean * runs, inside),
-            np.append(mean * runs, whitened),
-        )
+        self.inside = np.append(mean * runs, inside)
+        self.whitened = np.append(mean * runs, whitened)
         #: Products at all pairs of lags of what does not count, shape (FAR + 1, FAR + 1).
         self.outside: FloatArray = by_lag[np.abs(np.subtract.outer(lags, lags))]
         #: Number of groups that count for the pilot.
@@ -226,43 +224,6 @@ class BandTerms:
         upper = np.concatenate([by_coefficients, across], axis=2)
         lower = np.concatenate([across.transpose(0, 2, 1), remnant], axis=2)
         return term, -2.0 * slope, 2.0 * np.concatenate([upper, lower], axis=1)
-
-    def add_log_determinant(
-        self,
-        products: FloatArray,
-        loop: ComplexArray,
-        taps: FloatArray,
-        slopes: FloatArray,
-    ) -> FloatArray:
-        """Inner products whose last one, Q, has the likelihood of the band by n log Q.
-
-        With squares Q0, n residuals and the log-determinant D that is Q = Q0 exp(2 D / n): what
-        minimises sums of squares, and compares them by n log Q, needs to know nothing of D.
-
-        Parameters
-        ----------
-        products
-            Weighted inner products of Jacobian and errors, (sets, p + r + 1, p + r + 1).
-        loop, taps, slopes
-            See `log_determinant`.
-        """
-        term, slope, information = self.log_determinant(loop, taps, slopes)
-        size = float(self.residuals)
-        variance = products[:, -1, -1] / size
-        information -= (2.0 / size) * slope[:, :, None] * slope[:, None, :]
-        information *= variance[:, None, None]
-        # Far from the optimum it may take more than the squares have: then it is left out.
-        diagonal = np.diagonal(products, axis1=1, axis2=2)[:, :-1]
-        unsound = (np.diagonal(information, axis1=1, axis2=2) < (0.02 - 1.0) * diagonal).any(axis=1)
-        information[unsound] = 0.0
-        grams = products.copy()
-        grams[:, :-1, :-1] += information
-        slope *= variance[:, None]
-        grams[:, -1, :-1] -= slope
-        grams[:, :-1, -1] -= slope
-        grams *= np.exp(2.0 * term / size)[:, None, None]
-        grams[~self.are_stable(loop[:, -1])] *= 1e3  # beyond all others
-        return np.asarray(grams)
 
 
 def most_likely_regression(

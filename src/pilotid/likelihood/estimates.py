@@ -107,17 +107,22 @@ def make_estimate(
     """
     end = values if optimum is None else optimum
     outcome, message = outcome_of(model, end, converged)
-    ends = np.minimum(model.lower, values), np.maximum(model.upper, values)
     return Estimate(
         method,
         model,
         outcome,
         values=values,
         covariance=covariance,
-        intervals=np.clip(symmetric_intervals(values, covariance), *(e[:, None] for e in ends)),
+        intervals=within_bounds(model, values, symmetric_intervals(values, covariance)),
         vaf=simulated_vaf(recording, model, values, prediction),
         message=message,
     )
+
+
+def within_bounds(model: PilotModel, values: FloatArray, intervals: FloatArray) -> FloatArray:
+    """Intervals (parameters, 2) that end at the model's bounds, or at the values beyond them."""
+    lower, upper = np.minimum(model.lower, values), np.maximum(model.upper, values)
+    return np.clip(intervals, lower[:, None], upper[:, None])
 
 
 @dataclass(frozen=True)

@@ -55,8 +55,7 @@ class Likelihood(Problem):
         self.block = (prediction.binned if adjoint else prediction).block
         model = prediction.model
         self.pilot_count = len(model.parameters)
-        self.lower = np.concatenate([model.lower, noise.lower])
-        self.upper = np.concatenate([model.upper, noise.upper])
+        self.lower, self.upper = np.hstack([[model.lower, model.upper], noise.bounds])
         self.positive = np.concatenate([model.positive, noise.positive])
 
     @cached_property
@@ -68,6 +67,10 @@ class Likelihood(Problem):
     def residuals(self) -> int:
         """Number of prediction errors, see `Prediction.samples`; in a band that of its bins."""
         return self.prediction.samples if self.band_terms is None else self.band_terms.residuals
+
+    def taps(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Whitening filters of parameter sets, and their slopes, see `RemnantFamily.taps`."""
+        return self.noise.taps(values[:, self.pilot_count :], self.band)
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Jacobian of the prediction, and below it the prediction error.
@@ -93,10 +96,9 @@ class Likelihood(Problem):
                 lasts += self.outside(values)[:, -1]
             grams[:, -1] = grams[:, :, -1] = lasts
         if self.band_terms is not None:
-            grams = self.band_terms.add_log_determinant(grams, *self._determined(values))
+            grams = self._with_log_determinant(grams, values)
         if self.invertible:
-            taps, _ = self.noise.taps(values[:, self.pilot_count :], self.band)
-            grams[~are_invertible(taps)] = np.nan
+            grams[~are_invertible(self.taps(values)[0])] = np.nan
         return grams
 
     def squares(self, values: FloatArray) -> FloatArray:
@@ -112,7 +114,7 @@ class Likelihood(Problem):
         The shape is (sets, parameters + 1, parameters + 1), as that of `products`.
         """
         assert self.band_terms is not None
-        taps, slopes = self.noise.taps(values[:, self.pilot_count :], self.band)
+        taps, slopes = self.taps(values)
         rows = np.concatenate([-slopes, taps[:, None]], axis=1)
         count = rows.shape[-1]
         grams = np.zeros((len(values), values.shape[1] + 1, values.shape[1] + 1))
@@ -124,7 +126,41 @@ class Likelihood(Problem):
     def _determined(self, values: FloatArray) -> tuple[ComplexArray, FloatArray, FloatArray]:
         """What `BandTerms.log_determinant` needs of parameter sets."""
         loop = self.prediction.loop.row_spectra(values[:, : self.pilot_count])[:, :, 0]
-        return loop, *self.noise.taps(values[:, self.pilot_count :], self.band)
+        return loop, *self.taps(values)
+
+    def _with_log_determinant(self, products: FloatArray, values: FloatArray) -> FloatArray:
+        """Inner products whose last one, Q, has the likelihood of the band by n log Q.
+
+        With squares Q0, n residuals and the log-determinant D that is Q = Q0 exp(2 D / n): what
+        minimises sums of squares, and compares them by n log Q, needs to know nothing of D.
+
+        Parameters
+        ----------
+        products
+            Weighted inner products of Jacobian and errors, those outside included, shape
+            (sets, parameters + 1, parameters + 1).
+        values
+            Parameter sets, shape (sets, parameters).
+        """
+        assert self.band_terms is not None
+        loop, taps, filter_slopes = self._determined(values)
+        term, slope, information = self.band_terms.log_determinant(loop, taps, filter_slopes)
+        size = float(self.residuals)
+        variance = products[:, -1, -1] / size
+        information -= (2.0 / size) * slope[:, :, None] * slope[:, None, :]
+        information *= variance[:, None, None]
+        # Far from the optimum it may take more than the squares have: then it is left out.
+        diagonal = np.diagonal(products, axis1=1, axis2=2)[:, :-1]
+        unsound = (np.diagonal(information, axis1=1, axis2=2) < (0.02 - 1.0) * diagonal).any(axis=1)
+        information[unsound] = 0.0
+        grams = products.copy()
+        grams[:, :-1, :-1] += information
+        slope *= variance[:, None]
+        grams[:, -1, :-1] -= slope
+        grams[:, :-1, -1] -= slope
+        grams *= np.exp(2.0 * term / size)[:, None, None]
+        grams[~self.band_terms.are_stable(loop[:, -1])] *= 1e3  # beyond all others
+        return np.asarray(grams)
 
     def log_determinant(self, values: FloatArray) -> float:
         """What the likelihood of the band has beside squares, at one set, (parameters,)."""
@@ -152,9 +188,7 @@ class Likelihood(Problem):
         """
         rows = self.rows(values[None])[0]
         if self.band_terms is not None:
-            rows = np.concatenate(
-                [self.band_terms.filtered(rows[: self.pilot_count]), rows[self.pilot_count :]]
-            )
+            rows[: self.pilot_count] = self.band_terms.filtered(rows[: self.pilot_count])
         return np.asarray(rows)
 
     def scaling(self, values: FloatArray) -> float:
@@ -164,9 +198,8 @@ class Likelihood(Problem):
     def _spectra(self, values: FloatArray) -> ComplexArray:
         """The transforms of `rows` before nuisance terms are projected out."""
         prediction = self.prediction
-        pilot, remnant = values[:, : self.pilot_count], values[:, self.pilot_count :]
-        taps, slopes = self.noise.taps(remnant, self.band)
-        spectra = prediction.row_spectra(pilot, between=slopes.shape[1])
+        taps, slopes = self.taps(values)
+        spectra = prediction.row_spectra(values[:, : self.pilot_count], between=slopes.shape[1])
         if taps.shape[-1] == 1:
             return spectra
         residual = spectra[:, -1:]
@@ -193,7 +226,7 @@ class Likelihood(Problem):
         evaluated = prediction.model.evaluated(prediction.s, values[None, : self.pilot_count])
         parts = prediction.parts(prediction.model.responses_of(evaluated))
         residual = prediction.control_spectrum - reduce(np.add, parts)[0]
-        taps, slopes = self.noise.taps(values[None, self.pilot_count :], self.band)
+        taps, slopes = self.taps(values[None])
         filters = prediction.filter_response(np.concatenate([slopes[0], taps]))
         errors = plain = prediction.without_nuisance(prediction.samples_of(filters[-1] * residual))
         if self.band_terms is not None:
@@ -201,10 +234,7 @@ class Likelihood(Problem):
         padded = np.zeros((prediction.runs, length))
         padded[:, prediction.first : prediction.first + prediction.scored] = errors
         # Bins stand for two, but for the first and the one at half the sampling rate.
-        counted = np.full(length // 2 + 1, 2.0 / length)
-        counted[0] = 1.0 / length
-        if length % 2 == 0:
-            counted[-1] = 1.0 / length
+        counted = np.where(2 * np.arange(length // 2 + 1) % length, 2.0, 1.0) / length
         # What times a transform, summed over bins, is the product of its samples with the errors.
         adjoint = np.fft.rfft(padded).conj() * counted
         by_pilot, filtered = np.zeros(self.pilot_count), filters[-1] * adjoint

@@ -58,16 +58,16 @@ class PilotCheck:
     def __init__(self, coarse: Prediction, lines: FloatArray, candidates: FloatArray) -> None:
         self._coarse = coarse
         self._total = float(np.sum(coarse.samples_of(coarse.control_spectrum) ** 2))
-        shares = {
-            in_loop: float(self.explained(lines, in_loop=in_loop)[0]) if len(lines) else 0.0
-            for in_loop in (False, True)
-        }
-        self._least = {in_loop: MIN_VAF_RATIO * share for in_loop, share in shares.items()}
+        #: What the lines' pilot explains as it is simulated, and in its loop; 0 without one.
+        self._shares = simulated, in_loop = [
+            float(self.explained(lines, in_loop=each)[0]) if len(lines) else 0.0
+            for each in (False, True)
+        ]
         #: Whether a slow remnant hides what the lines' pilot explains as it is simulated.
-        self._hidden = shares[False] <= 0.0 < shares[True]
+        self._hidden = simulated <= 0.0 < in_loop
         if self._hidden:  # but not where that pilot is none, or another is seen and explains more
             better = self.explained(candidates) > 0.0
-            better &= self.explained(candidates, in_loop=True) >= shares[True]
+            better &= self.explained(candidates, in_loop=True) >= in_loop
             self._hidden = not (better.any() or is_at_bound(coarse.model, lines).any())
 
     def explained(self, sets: FloatArray, *, in_loop: bool = False) -> FloatArray:
@@ -98,7 +98,7 @@ class PilotCheck:
         in_loop = in_loop or self._hidden
         pilots = sets[:, : len(model.parameters)]
         explained = self.explained(pilots, in_loop=in_loop)
-        passed = (explained > 0.0) & (explained >= self._least[in_loop])
+        passed = (explained > 0.0) & (explained >= MIN_VAF_RATIO * self._shares[in_loop])
         if in_loop:
             passed &= ~is_at_bound(model, pilots).any(axis=1)
         if weighting is not None:
@@ -169,9 +169,7 @@ class Optimum:
     @cached_property
     def whitener(self) -> FloatArray:
         """The filter that whitens its remnant, shape (taps,)."""
-        joint = self.joint
-        taps, _ = joint.noise.taps(self.values[None, joint.pilot_count :], joint.band)
-        return np.asarray(taps[0])
+        return np.asarray(self.joint.taps(self.values[None])[0][0])
 
     @cached_property
     def is_invertible(self) -> bool:

@@ -172,9 +172,6 @@ def priors_of(
     return (*pilot, *(given.get(key) or REMNANT[key] for key in keys))
 
 
-BLOCK = 16  # parameter sets evaluated at once: about what the processor's cache holds
-
-
 class Posterior:
     """Log-density by the parameters of the pilot and those of the remnant that stay.
 
@@ -227,7 +224,8 @@ class Posterior:
             prior = np.sum([prior.logpdf(column) for prior, column in columns], axis=0)
             # d value / d log(value) = value
             slope = np.sum(points[inside][:, self.positive], axis=1)
-            blocks = np.split(sets, range(BLOCK, len(sets), BLOCK))
+            # About what the processor's cache holds.
+            blocks = np.split(sets, range(16, len(sets), 16))
             result[inside] = np.concatenate([*map(self.log_likelihood, blocks)]) + prior + slope
         return np.where(np.isfinite(result), result, -np.inf)
 
@@ -239,8 +237,8 @@ class Posterior:
         values
             Parameter sets inside the bounds, shape (sets, parameters).
         """
-        joint, terms, further = self.joint, self._terms, np.zeros(len(values))
-        freedom = joint.residuals
+        joint, terms = self.joint, self._terms
+        freedom, further = joint.residuals, np.zeros(len(values))
         if self.integrated:
             products = self.lagged_products(values)
             taps, further = self.regressed(products)

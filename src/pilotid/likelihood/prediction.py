@@ -213,7 +213,9 @@ class Prediction:
         return self.loop_at(self.band_terms.omega[: self.band_terms.counting])
 
     def loop_at(self, omega: FloatArray) -> Prediction:
-        """A prediction whose residual is 1 + L(jw), so that its rows are the slopes of the loop.
+        """A prediction whose `residual_spectra` are 1 + L(jw), and `row_spectra` the slopes of it.
+
+        It has transforms alone, and no samples.
 
         Parameters
         ----------
@@ -229,15 +231,7 @@ class Prediction:
             for channel in self.model.channels
         )
         one = np.ones((1, omega.size), dtype=complex)
-        return replace(
-            self,
-            s=s,
-            spectra=spectra,
-            control_spectrum=one,
-            nuisance_poles=(),
-            weighting=None,
-            weights=None,
-        )
+        return replace(self, s=s, spectra=spectra, control_spectrum=one)
 
     @property
     def control(self) -> FloatArray:
@@ -480,13 +474,12 @@ class Prediction:
         size, vectors = np.linalg.eigh(summed)
         factor = vectors * np.sqrt(np.maximum(size, 0.0))[:, None, :]
         spectra = np.transpose(factor, (1, 2, 0)) * sizes[:, None, None]  # (signal, part, group)
-        counts = np.diff([*groups, omega.size])
         power = np.einsum("irk,irk->k", signals, signals.conj()).real + 1e-300
         middle = np.asarray(
             np.add.reduceat(omega * power, groups) / np.add.reduceat(power, groups), dtype=float
         )
         # Parseval: bins stand for two, but for the one at half the sampling rate.
-        weights, terms = np.full(len(counts), np.sqrt(2.0 / scored)), self.band_terms
+        weights, terms = np.full(len(groups), np.sqrt(2.0 / scored)), self.band_terms
         if self.weighting is not None:
             weights *= np.sqrt(self.weighting.weights(middle))
         return replace(

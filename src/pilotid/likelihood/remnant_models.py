@@ -29,8 +29,6 @@ BOUNDS = {"frequency": (0.2, 200.0), "damping": (0.05, 5.0), "corner": (0.05, 10
 class RemnantFamily(Protocol):
     """A family of remnant spectra, up to the power, which is estimated apart.
 
-    It has the bounds of its parameters, so that `pilotid.solve.least_squares.minimise` searches it.
-
     Attributes
     ----------
     regressive
@@ -48,14 +46,10 @@ class RemnantFamily(Protocol):
         """Names of its parameters."""
 
     @property
-    def lower(self) -> FloatArray:
-        """Lower bounds, shape (parameters,)."""
-        return np.array([BOUNDS.get(key, (-np.inf, np.inf))[0] for key in self.keys])
-
-    @property
-    def upper(self) -> FloatArray:
-        """Upper bounds, shape (parameters,)."""
-        return np.array([BOUNDS.get(key, (-np.inf, np.inf))[1] for key in self.keys])
+    def bounds(self) -> FloatArray:
+        """Lower and upper bounds, shape (2, parameters)."""
+        bounds = [BOUNDS.get(key, (-np.inf, np.inf)) for key in self.keys]
+        return np.array(bounds).reshape(-1, 2).T
 
     @property
     def positive(self) -> BoolArray:

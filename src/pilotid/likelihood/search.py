@@ -516,15 +516,12 @@ def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     """Choices whose criterion is low on a first look, one of each optimum, best first."""
     if len(choices) == 1:
         return choices
-    firsts = [choice.suited_fit() for choice in choices]
-    reached = np.array([first.criterion for first in firsts])
-    kept = np.array([first.is_pilot for first in firsts])
-    if kept.any():
-        reached[~kept] = np.inf
-    near = np.flatnonzero(reached < np.min(reached) + LOOK_CRITERION)
-    ranked = near[np.argsort(reached[near], kind="stable")].tolist()
-    met = clusters(ranked, lambda first, index: firsts[first].is_near(firsts[index].pilot))
-    return [choices[group[0]] for group in met]
+    firsts = [(choice.suited_fit(), choice) for choice in choices]
+    firsts = [first for first in firsts if first[0].is_pilot] or firsts
+    firsts.sort(key=lambda first: first[0].criterion)
+    fits = [fit for fit, _ in firsts if fit.criterion < firsts[0][0].criterion + LOOK_CRITERION]
+    met = clusters(range(len(fits)), lambda first, index: fits[first].is_near(fits[index].pilot))
+    return [firsts[group[0]][1] for group in met]
 
 
 def _best_and_others(

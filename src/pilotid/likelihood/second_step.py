@@ -22,7 +22,7 @@ import numpy as np
 from pilotid.estimate.estimate import Estimate, Outcome, failed, outcome_of
 from pilotid.estimate.quantities import FrequencyResponse, real_parts
 from pilotid.estimate.warnings import lines_objection, motionless_input
-from pilotid.likelihood.estimates import make_estimate, starts_of
+from pilotid.likelihood.estimates import make_estimate, starts_of, within_bounds
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction
 from pilotid.likelihood.remnant_models import Autoregressive, Whitener, guess_parameters
@@ -58,7 +58,13 @@ class ResponseFit(Problem):
     def __init__(self, response: FrequencyResponse, model: PilotModel) -> None:
         self.response = response
         self._at = model.at(response.omega)
-        self.whitener = _whitener(response)
+        # Relative errors are of one size where responses span decades.
+        size = np.tile(np.abs(response.value).ravel(), 2)
+        variances, directions = np.linalg.eigh(response.covariance / np.outer(size, size))
+        # Combinations whose variance is far below the largest one are known by construction only.
+        known = variances > 1e-10 * variances[-1]
+        #: Rows that turn errors of the response into independent ones of variance 1.
+        self.whitener: FloatArray = (directions[:, known] / np.sqrt(variances[known])).T / size
 
     @property
     def residuals(self) -> int:
@@ -80,17 +86,6 @@ class ResponseFit(Problem):
         rows = self._at(values)
         np.subtract(self.response.value, rows[:, :, -1], out=rows[:, :, -1])
         return real_parts(rows.swapaxes(1, 2)) @ self.whitener.T
-
-
-def _whitener(response: FrequencyResponse) -> FloatArray:
-    """Rows that turn errors of the response into independent ones of variance 1."""
-    # Relative errors are of one size where responses span decades.
-    size = np.tile(np.abs(response.value).ravel(), 2)
-    scaled = response.covariance / np.outer(size, size)
-    variances, directions = np.linalg.eigh(scaled)
-    # Combinations whose variance is far below the largest one are known by construction only.
-    known = variances > 1e-10 * variances[-1]
-    return np.asarray((directions[:, known] / np.sqrt(variances[known])).T / size)
 
 
 def second_step(
@@ -199,8 +194,9 @@ def against_recording(
     """
     if not estimate.outcome.usable:
         return estimate
-    end = moved(estimate.values, prediction, rng)
-    bias = end - estimate.values
+    values = estimate.values
+    end = moved(values, prediction, rng)
+    bias = end - values
     errors = np.abs(bias) / np.sqrt(np.diag(estimate.covariance))
     worst = int(np.argmax(errors))
     _, bounds = outcome_of(estimate.model, end, converged=True)
@@ -212,17 +208,13 @@ def against_recording(
         message = f"prediction errors end with {bounds}"
     if message:
         return replace(estimate, outcome=Outcome.CONTRADICTED, message=message)
-    reach = np.abs(estimate.intervals - estimate.values[:, None])
+    reach = np.abs(estimate.intervals - values[:, None])
     wider = np.hypot(reach, Z95 * np.abs(bias)[:, None]) * [-1.0, 1.0]
     return replace(
         estimate,
         covariance=estimate.covariance + np.outer(bias, bias),
         errors=np.hypot(estimate.std_error, bias),
-        intervals=np.clip(
-            estimate.values[:, None] + wider,
-            np.minimum(estimate.model.lower, estimate.values)[:, None],
-            np.maximum(estimate.model.upper, estimate.values)[:, None],
-        ),
+        intervals=within_bounds(estimate.model, values, values[:, None] + wider),
     )
 
 
