@@ -275,20 +275,6 @@ class ProfileSearch:
         self.costs.append(cost)
         return float(point[which])
 
-    def end_beyond(
-        self,
-        interval: FloatArray,
-        which: int,
-        side: int,
-        target: float,
-        at: FloatArray,
-        cost: float,
-    ) -> float:
-        """As `end`, from a point outside an interval on, by a tenth of its length at first."""
-        near = at.copy()
-        near[which] += (-1.0, 1.0)[side] * max(0.1 * float(np.ptp(interval)), 1e-9)
-        return self.end(which, target, at, cost, near)
-
     def look_in_valleys(
         self, others: FloatArray, costs: FloatArray, known: FloatArray, targets: FloatArray
     ) -> None:
@@ -310,10 +296,10 @@ class ProfileSearch:
             starts[:, k] = end
             held = Box.holding(self.box, k, end)
             there = minimise(self.gram, starts, held, tolerance=1e-4, iterations=20)
+            start, cost = there.values[0], float(there.cost[0])
             # What is nearly as high as the level is the end that was sought.
-            if there.cost[0] - self.lowest < 0.8 * (level - self.lowest):
-                cost = float(there.cost[0])
-                self.end_beyond(known[k], k, side, level, there.values[0], cost)
+            if cost - self.lowest < 0.8 * (level - self.lowest):
+                self.end(k, level, start, cost, farther(start, k, side, known[k]))
 
     def extended(self, known: FloatArray, targets: FloatArray) -> FloatArray:
         """Intervals (count, 2) that hold all points that suit, and what of those lies farther out.
@@ -337,10 +323,17 @@ class ProfileSearch:
                 break
             for k, side in np.argwhere(beyond).tolist():
                 at = int(np.nanargmax(sides[side] * suiting[:, k]))
-                known[k, side] = self.end_beyond(
-                    known[k], k, side, float(targets[k]), self.points[at], self.costs[at]
-                )
+                start, cost, level = self.points[at], self.costs[at], float(targets[k])
+                near = farther(start, k, side, known[k])
+                known[k, side] = self.end(k, level, start, cost, near)
         return known
+
+
+def farther(point: FloatArray, which: int, side: int, interval: FloatArray) -> FloatArray:
+    """The point with one parameter farther out, by a tenth of the length of its interval."""
+    moved = point.copy()
+    moved[which] += (-1.0, 1.0)[side] * max(0.1 * float(np.ptp(interval)), 1e-9)
+    return moved
 
 
 class Profile(NamedTuple):
@@ -442,22 +435,20 @@ def profile_intervals(
         goal = target[active]
         # No step is longer than a standard error.
         step, off = _step(grams, blocked, k, direction, error[k], goal)
-        deviance_off = np.abs(grams[:, -1, -1] - goal)
         at_bound = (points[active, k] <= lower[k]) & (direction < 0)
         at_bound |= (points[active, k] >= upper[k]) & (direction > 0)
         # A bound that was overshot to, where the deviance is too high, is left again.
         at_bound &= step[np.arange(len(k)), k] * direction >= 0.0
-        either = np.maximum(deviance_off, off)
+        either = np.maximum(np.abs(costs - goal), off)
         reached = either < tolerance * variance
         reached_end[active] = reached | (at_bound & (costs <= goal))
         # Newton steps that lead away do not come back.
         nearer = (either < least_off[active]) & (direction * (points[active, k] - best[0, k]) > 0.0)
         on = active[nearer]
         closest[on], least_off[on] = points[on], either[nearer]
-        done = reached | at_bound | ~nearer
         moved = np.clip(points[active] + step, lower, upper)
         points[active] = np.where(at_bound[:, None], points[active], moved)
-        active = active[~done]
+        active = active[nearer & ~(reached | at_bound)]
         if not active.size:
             break
     # Where the likelihood has another summit the search may end on its side.

@@ -32,13 +32,11 @@ class LogTransform:
 
     def enter(self, values: FloatArray) -> FloatArray:
         """Parameters on the inner scale, shape as given, (..., parameters)."""
-        positive = self.positive
-        return np.where(positive, np.log(np.where(positive, values, 1.0)), values)
+        return np.where(self.positive, np.log(np.where(self.positive, values, 1.0)), values)
 
     def leave(self, points: FloatArray) -> FloatArray:
         """Parameters on their own scale, shape as given, (..., parameters)."""
-        positive = self.positive
-        return np.where(positive, np.exp(np.where(positive, points, 0.0)), points)
+        return np.where(self.positive, np.exp(np.where(self.positive, points, 0.0)), points)
 
     def inner(self, grams: FloatArray, values: FloatArray) -> FloatArray:
         """Gram matrices by inner parameters, from those by the parameters at `values`."""
@@ -390,8 +388,7 @@ def _secant(
     square = np.vecdot(scaled_missing, scaled_missing) * np.vecdot(scaled, scaled)
     trusted = product * product > 1e-6 * square
     factor = np.divide(1.0, product, out=np.zeros_like(product), where=trusted)
-    update = (factor[:, None] * missing)[:, :, None] * missing[:, None]
-    return np.asarray(curvature + update)
+    return np.asarray(curvature + (factor[:, None] * missing)[:, :, None] * missing[:, None])
 
 
 def _scale(grams: FloatArray) -> FloatArray:
