@@ -57,6 +57,7 @@ class Likelihood(Problem):
         self.pilot_count = len(model.parameters)
         self.lower, self.upper = np.hstack([[model.lower, model.upper], noise.bounds])
         self.positive = np.concatenate([model.positive, noise.positive])
+        self._latest: tuple[FloatArray, tuple[FloatArray, FloatArray]] | None = None
 
     @cached_property
     def coarse(self) -> Likelihood:
@@ -70,7 +71,10 @@ class Likelihood(Problem):
 
     def taps(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Whitening filters of parameter sets, and their slopes, see `RemnantFamily.taps`."""
-        return self.noise.taps(values[:, self.pilot_count :], self.band)
+        # Rows, what is outside and the log-determinant ask for those of one array in turn.
+        if self._latest is None or self._latest[0] is not values:
+            self._latest = values, self.noise.taps(values[:, self.pilot_count :], self.band)
+        return self._latest[1]
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Jacobian of the prediction, and below it the prediction error.
@@ -234,7 +238,8 @@ class Likelihood(Problem):
         padded = np.zeros((prediction.runs, length))
         padded[:, prediction.first : prediction.first + prediction.scored] = errors
         # Bins stand for two, but for the first and the one at half the sampling rate.
-        counted = np.where(2 * np.arange(length // 2 + 1) % length, 2.0, 1.0) / length
+        counted = np.full(length // 2 + 1, 2.0 / length)
+        counted[[0] if length % 2 else [0, -1]] = 1.0 / length
         # What times a transform, summed over bins, is the product of its samples with the errors.
         adjoint = np.fft.rfft(padded).conj() * counted
         by_pilot, filtered = np.zeros(self.pilot_count), filters[-1] * adjoint

@@ -90,7 +90,6 @@ def fine_input(recording: Recording, channel: Channel, window: Window) -> FineIn
 
 #: Largest width of a bin of the binned spectra [rad/s]: a delay of 1 s turns by 20 deg over it.
 MAX_BINNED_WIDTH = 0.35
-KEPT_SUMS = 2  # of runs, by which a pilot who changes is searched first
 BESIDE = 1.05  # ratio of the time constants of decays about one: it, and its slope
 
 
@@ -459,7 +458,7 @@ class Prediction:
         """
         if self.model.changes:
             _, sums = np.linalg.eigh(self.control @ self.control.T)
-            return self.mixed(sums[:, -KEPT_SUMS:].T) if self.runs > KEPT_SUMS else self
+            return self.mixed(sums[:, -2:].T) if self.runs > 2 else self
         scored = self.scored
         window = np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(scored) + 0.5) / scored) ** 2
         given = np.array([*self.spectra, self.control_spectrum])
