@@ -185,16 +185,6 @@ class Likelihood(Problem):
             self.log_determinant(values)
         )
 
-    def tested_rows(self, values: FloatArray) -> FloatArray:
-        """`rows` at one parameter set, whose products with the errors are those of the fit.
-
-        In a band the Jacobian by the pilot is filtered by the weights, and the errors are not.
-        """
-        rows = self.rows(values[None])[0]
-        if self.band_terms is not None:
-            rows[: self.pilot_count] = self.band_terms.filtered(rows[: self.pilot_count])
-        return np.asarray(rows)
-
     def scaling(self, values: FloatArray) -> float:
         """The factor of the likelihood on squares of prediction errors; 1 without a band."""
         return math.exp(2.0 * self.log_determinant(values) / self.residuals)

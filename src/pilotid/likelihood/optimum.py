@@ -231,8 +231,16 @@ class Optimum:
 
     @cached_property
     def tested_rows(self) -> FloatArray:
-        """Whitened Jacobian and, last, prediction errors, (parameters + 1, runs, samples)."""
-        return self.joint.tested_rows(self.values)
+        """Whitened Jacobian and, last, prediction errors, (parameters + 1, runs, samples).
+
+        Their products with the errors are those of the fit: in a band the Jacobian by the pilot is
+        filtered by the weights, and the errors are not.
+        """
+        terms, pilot = self.joint.band_terms, slice(self.joint.pilot_count)
+        rows = self.joint.rows(self.values[None])[0]
+        if terms is not None:
+            rows[pilot] = terms.filtered(rows[pilot])
+        return np.asarray(rows)
 
     @cached_property
     def dispersion(self) -> float:

@@ -264,10 +264,8 @@ class Posterior:
             The whitening filter of each, shape (sets, taps).
         """
         prediction = self._prediction
-        spectra = prediction.residual_spectra(values[:, : self.joint.pilot_count])
-        if taps.shape[1] > 1:
-            spectra *= prediction.filter_response(taps)[:, None, :]
-        errors = prediction.without_nuisance(prediction.samples_of(spectra))
+        pilots = values[:, : self.joint.pilot_count]
+        errors = prediction.errors(pilots, taps if taps.shape[1] > 1 else None)
         errors = prediction.weighted_rows(errors).reshape(len(errors), -1)
         sums = np.asarray(np.vecdot(errors, errors))
         if self._terms is not None:

@@ -238,37 +238,35 @@ class Prediction:
         return self.samples_of(self.control_spectrum)
 
     def residual(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
-        """Residual u - u_hat of one parameter set, nuisance terms included.
+        """Residual u - u_hat, nuisance terms included.
 
         Parameters
         ----------
         values
-            Parameters, shape (parameters,).
+            Parameters, shape (parameters,) or (sets, parameters).
         taps
-            Whitening filter, shape (taps,).
+            Whitening filters, shape (taps,) or (sets, taps).
 
         Returns
         -------
-        Array of shape (runs, scored).
+        Array of shape (runs, scored), or (sets, runs, scored).
         """
-        spectrum = self.residual_spectra(values[None])[0]
+        spectra = self.residual_spectra(np.atleast_2d(values))
         if taps is not None:
-            spectrum *= self.filter_response(taps)
-        return self.samples_of(spectrum)
+            spectra *= self.filter_response(np.atleast_2d(taps))[:, None]
+        return self.samples_of(spectra.reshape(*values.shape[:-1], *spectra.shape[1:]))
 
     def errors(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
         """As `residual`, with nuisance terms projected out.
 
         Parameters
         ----------
-        values
-            Parameters, shape (parameters,).
-        taps
-            Whitening filter, shape (taps,).
+        values, taps
+            As for `residual`.
 
         Returns
         -------
-        Array of shape (runs, scored).
+        Array of shape (runs, scored), or (sets, runs, scored).
         """
         return self.without_nuisance(self.residual(values, taps))
 
