@@ -27,6 +27,9 @@ from pilotid.support.types import BoolArray, FloatArray, IntArray
 #: have .90 or more; of people in stable loops some that are usable have little more than half
 #: (subject gy with `pursuit`).
 MIN_VAF_RATIO = 0.5
+#: The same from which an optimum is preferred to all below: where a model is wrong, of people say,
+#: what explains two thirds may be likelier by 100 (yaw, subject 6: a motion delay of .10 or .37 s).
+USUAL_VAF_RATIO = 0.7
 #: Statistics: squared distance of ends in standard errors below which they are one.
 SAME_OPTIMUM_DISTANCE = 4.0
 #: Numerics: relative decrease that ends fits that are compared, and searches that creep along a
@@ -89,16 +92,19 @@ class PilotCheck:
         left = coarse.samples_of(residual)
         return np.asarray(1.0 - np.sum(left**2, axis=(1, 2)) / self._total)
 
-    def __call__(self, sets: FloatArray, *, in_loop: bool = False) -> BoolArray:
+    def __call__(
+        self, sets: FloatArray, *, in_loop: bool = False, ratio: float = MIN_VAF_RATIO
+    ) -> BoolArray:
         """Which parameters pass, the pilot's first, shape (sets,), by the share as in `explained`.
 
-        In the loop none at a bound does: subject gy has such ones with `pursuit`.
+        It must reach a ratio of that of the lines' pilot.  In the loop none at a bound passes:
+        subject gy has such ones with `pursuit`.
         """
         model, weighting = self._coarse.model, self._coarse.weighting
         in_loop = in_loop or self._hidden
         pilots = sets[:, : len(model.parameters)]
         explained = self.explained(pilots, in_loop=in_loop)
-        passed = (explained > 0.0) & (explained >= MIN_VAF_RATIO * self._shares[in_loop])
+        passed = (explained > 0.0) & (explained >= ratio * self._shares[in_loop])
         if in_loop:
             passed &= ~is_at_bound(model, pilots).any(axis=1)
         if weighting is not None:
@@ -106,8 +112,9 @@ class PilotCheck:
         return np.asarray(passed)
 
     def which(self, ends: Minima) -> IntArray:
-        """Indices of the ends that pass, of all if none does."""
-        kept = self(ends.values)
+        """Indices of the ends that explain as much as is usual, or else pass, or else of all."""
+        kept = self(ends.values, ratio=USUAL_VAF_RATIO)
+        kept = kept if kept.any() else self(ends.values)
         return np.flatnonzero(kept if kept.any() else ~kept)
 
 
@@ -212,6 +219,13 @@ class Optimum:
         if self.check is None or self.is_pilot:
             return True
         return bool(self.check(self.pilot[None], in_loop=True)[0])
+
+    @cached_property
+    def rank(self) -> int:
+        """3 for one that explains as much as is usual, 2 for a pilot, 1 if it is credible, or 0."""
+        pilot = self.pilot[None]
+        usual = self.check is None or bool(self.check(pilot, ratio=USUAL_VAF_RATIO)[0])
+        return usual + self.is_pilot + self.is_credible
 
     @property
     def is_slow(self) -> bool:

@@ -53,7 +53,7 @@ def profile_likelihood(optimum: Optimum) -> tuple[Optimum, Profile | None]:
         if profile is None or profile.better is None:
             break
         moved = optimum.restarted_at(profile.better)
-        if (optimum.is_pilot and not moved.is_pilot) or best_of([moved, optimum]) is optimum:
+        if moved.rank < optimum.rank or best_of([moved, optimum]) is optimum:
             break
         if not moved.is_near(optimum.pilot):
             moved = replace(moved, others=[*moved.others, (optimum.pilot, optimum.criterion)])

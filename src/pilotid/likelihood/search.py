@@ -517,7 +517,8 @@ def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     if len(choices) == 1:
         return choices
     firsts = [(choice.suited_fit(), choice) for choice in choices]
-    firsts = [first for first in firsts if first[0].is_pilot] or firsts
+    highest = max(fit.rank for fit, _ in firsts)
+    firsts = [(fit, choice) for fit, choice in firsts if fit.rank == highest]
     firsts.sort(key=lambda first: first[0].criterion)
     fits = [fit for fit, _ in firsts if fit.criterion < firsts[0][0].criterion + LOOK_CRITERION]
     met = clusters(range(len(fits)), lambda first, index: fits[first].is_near(fits[index].pilot))
@@ -528,8 +529,8 @@ def _best_and_others(
     tried: Sequence[Optimum],
 ) -> tuple[Optimum, list[tuple[FloatArray, float]]]:
     """The best optimum that simulates the control, and the others that are as likely."""
-    passed = [each for each in tried if each.is_pilot]
-    passed = passed or [each for each in tried if each.is_credible] or list(tried)
+    highest = max(each.rank for each in tried)
+    passed = [each for each in tried if each.rank == highest]
     lowest = min(each.criterion for each in passed)
     # What is far behind where fits are compared does not compete.
     far = lowest + 2.0 * COMPETING_CRITERION
