@@ -276,7 +276,12 @@ class ProfileSearch:
         return float(point[which])
 
     def look_in_valleys(
-        self, others: FloatArray, costs: FloatArray, known: FloatArray, targets: FloatArray
+        self,
+        others: FloatArray,
+        costs: FloatArray,
+        known: FloatArray,
+        targets: FloatArray,
+        doubted: BoolArray,
     ) -> None:
         """Come upon ends that lie farther out in other valleys than where they were sought.
 
@@ -286,11 +291,13 @@ class ProfileSearch:
             Points of other valleys, shape (points, parameters), and their costs, shape (points,).
         known, targets
             The intervals, shape (count, 2), and the cost of the ends of each, shape (count,).
+        doubted
+            Which ends may lie farther out, shape (count, 2).
         """
         self.points.extend(others)
         self.costs.extend(costs.tolist())
-        for (k, side), end in np.ndenumerate(known):
-            level, starts = float(targets[k]), others[costs <= targets[k]]
+        for k, side in np.argwhere(doubted).tolist():
+            end, level, starts = known[k, side], float(targets[k]), others[costs <= targets[k]]
             if not len(starts) or not self.box.lower[k] < end < self.box.upper[k]:
                 continue
             starts[:, k] = end
@@ -460,9 +467,15 @@ def profile_intervals(
         for i in np.flatnonzero(~reached_end):
             ends[i] = search.end(int(which[i]), float(target[i]), best[0], lowest, closest[i])
         known = np.sort(np.column_stack([ends.reshape(2, count).T, best[0, :count]]))[:, [0, -1]]
+        # What is hardly known goes far, and may lead to another valley, which ends farther inside.
+        room = np.where(space.positive, 1.0, 0.25 * (upper - lower))
+        room = np.where(np.arange(len(room)) == which[:, None], np.inf, room)
+        is_far = (np.abs(points - best) > room).any(axis=1).reshape(2, count).T
+        search.look_in_valleys(best, np.array([lowest]), known, target[:count], is_far)
         if others is not None and len(others):
-            costs = gram(others)[:, -1, -1]
-            search.look_in_valleys(scale.enter(others), costs, known, target[:count])
+            near, costs = scale.enter(others), gram(others)[:, -1, -1]
+            every = np.ones_like(is_far)
+            search.look_in_valleys(near, costs, known, target[:count], every)
         known = search.extended(known, target[:count])
     lowest_of_all = int(np.nanargmin(search.costs))
     is_better = search.costs[lowest_of_all] < least
