@@ -234,7 +234,7 @@ def test_a_search_that_went_astray_begins_again(monkeypatch: pytest.MonkeyPatch)
 
 def test_an_optimum_that_is_no_pilot_did_not_converge(monkeypatch: pytest.MonkeyPatch) -> None:
     assert fit_of(MLE(), NOMINAL).outcome is Outcome.CONVERGED
-    monkeypatch.setattr("pilotid.likelihood.optimum.MIN_VAF_RATIO", 2.0)
+    monkeypatch.setitem(PilotCheck.__call__.__kwdefaults__, "ratio", 2.0)
     refused = fit_of(MLE(), NOMINAL), fit_of(Bayes(), NOMINAL)
     assert {estimate.outcome for estimate in refused} == {Outcome.CONTRADICTED}
     assert refused[1].draws is None  # which takes its time

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pilotid.checks.detectors import Finding, findings, step_between, unit_conversion
+from pilotid.checks.detectors import findings, step_between, unit_conversion
 from pilotid.checks.plant import element_changes, opposed, plant_of, runs_apart, unrelated
 from pilotid.recording.recording import ABSENT, Recording, remembered
 from pilotid.recording.spectra import at_lines, known_lines, same_lines, target_lines
@@ -56,14 +56,13 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
     """
     tabled = [row(recording) for row in CHECKS]
     faults = [f for f in findings(recording) if f.grade != "note"]
+    lost = any(row.code == "lost-samples" for row in tabled if row)
     # Lost samples do so, too, but no wrong name explains them.
-    related = any(row.code == "lost-samples" for row in tabled if row) or any(
-        f.code in (*RELATED, "lost-samples") and f.signal != "e" and not _turned(f) for f in faults
-    )
-    named = _names_by_lines(recording, ABOUT_ERROR if related else ABOUT_ERROR + ABOUT_OUTPUT)
-    is_late = any(f.code == "late-signal" for f in faults)
-    if named and named.code in ("not-the-error", "wrong-unit") and is_late:
-        named = None  # that tells why e is not ft - x
+    others = [f for f in faults if f.code in (*RELATED, "lost-samples") and f.signal != "e"]
+    is_related = lost or any(not f.is_turned for f in others)
+    named = _names_by_lines(recording, ABOUT_ERROR if is_related else ABOUT_ERROR + ABOUT_OUTPUT)
+    if lost or any(f.code == "late-signal" for f in faults):  # which tells why e is not ft - x
+        named = None if named and named.code in ("not-the-error", "wrong-unit") else named
     if named:  # explains what times and gains seem to be
         faults = [f for f in faults if f.code not in RELATED]
     every = [named, *tabled, *(Remark(f.code, f.sentence, f.grade) for f in faults)]
@@ -115,11 +114,6 @@ def _spikes(recording: Recording) -> Found:
 def _still(recording: Recording) -> Found:
     still = [n for n in ("e", "x") if n in recording.signals and motionless(recording, n)]
     yield len(still), f"{' and '.join(still)} does not move: map it to the recorded signal"
-
-
-def _turned(fault: Finding) -> bool:
-    """Whether fd has another sign and the same size, which `opposed` tells with more certainty."""
-    return fault.code == "wrong-unit" and abs(fault.size + 1.0) <= RECORDER.gain
 
 
 def _names_by_lines(recording: Recording, checks: Sequence[NameCheck]) -> Remark | None:
@@ -291,14 +285,24 @@ def _without_target(recording: Recording) -> Remark | None:
 def _scaled(recording: Recording, name: str, factor: float) -> str:
     """What is wrong with a signal that must be multiplied with a factor, and the cure."""
     exact, unit = unit_conversion(factor)
-    cure = f"convert it: --map {recording.scaled(name, exact)}"
-    if unit:
-        return f"{name} is in {unit} and the others are not; {cure}"
-    return f"{name} is {1.0 / factor:.4g} times what the others make it; {cure}"
+    times = f"{1.0 / factor:.4g} times what the others make it"
+    why = f"in {unit} and the others are not" if unit else times
+    return f"{name} is {why}; convert it: --map {recording.scaled(name, exact)}"
 
 
 def exchanged(recording: Recording) -> Remark | None:
-    """A loop cannot follow the fast lines of a target, so that the error shows all of them."""
+    """A loop cannot follow the fast lines of a target, so that the error shows all of them.
+
+    Where there are none, the output answers to u and fd with one sign and high coherence.
+    """
+    named = plant_of(recording)
+    if recording.fd is not None and named and named.polarity < 0.0:
+        swapped = plant_of(replace(recording, x=recording.e, e=recording.x))
+        least = named.mean_coherence + SIGNAL.more_coherent
+        if swapped and swapped.polarity > 0.0 and swapped.mean_coherence > least:
+            return Remark(
+                "exchanged", f"e answers to u and fd, not x; {_exchange(recording)}", "wrong"
+            )
     lines = target_lines(recording)
     if lines is None or recording.ft is None:
         return None
@@ -310,8 +314,14 @@ def exchanged(recording: Recording) -> Remark | None:
     target = np.fft.rfft(recording.window(recording.ft))[:, fast]
     weight = np.abs(target) ** 2 / noise
     shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
-    is_answer = _is_answer(recording, recording.e)
-    if shown >= SIGNAL.shown or is_answer is False:
+    surely = shown + RECORDER.errors / math.sqrt(2.0 * float(np.sum(weight))) < SIGNAL.shown
+    # People who see a target ahead follow its fast lines, but x still answers to u: with coherence
+    # at all frequencies, or at the target's lines if a disturbance may not be recorded.
+    what = "polarity" if recording.fd is None else "mean_coherence"
+    plants = [plant_of(replace(recording, x=x, e=recording.x)) for x in (recording.x, recording.e)]
+    as_named, turned = (getattr(plant, what, 0.0) for plant in plants)
+    is_answer = turned > as_named if turned != as_named else None
+    if not surely or is_answer is False:
         return None
     return Remark(
         "exchanged",
@@ -319,20 +329,6 @@ def exchanged(recording: Recording) -> Remark | None:
         f"and x seem to be exchanged, unless the target is seen ahead; {_exchange(recording)}",
         "wrong" if is_answer else "doubt",
     )
-
-
-def _is_answer(recording: Recording, other: FloatArray) -> bool | None:
-    """Whether another signal than x is the element's answer to u; None if nothing tells.
-
-    People who see a target ahead follow its fast lines, but x still answers to u: with coherence
-    at all frequencies, or at the target's lines if a disturbance may not be recorded.
-    """
-    plants = [plant_of(replace(recording, x=x, e=recording.x)) for x in (recording.x, other)]
-    as_named, turned = (
-        (plant.polarity if recording.fd is None else plant.mean_coherence) if plant else 0.0
-        for plant in plants
-    )
-    return turned > as_named if turned != as_named else None
 
 
 def _exchange(recording: Recording) -> str:

@@ -60,6 +60,11 @@ class Finding:
     sentence: str
     usable: float = math.inf
 
+    @property
+    def is_turned(self) -> bool:
+        """Whether fd has another sign and the same size, which `opposed` tells more surely."""
+        return self.code == "wrong-unit" and abs(self.size + 1.0) <= RECORDER.gain
+
 
 @remembered
 def findings(recording: Recording) -> tuple[Finding, ...]:
@@ -112,9 +117,7 @@ class _Look:
             return
         hertz = np.array([math.sqrt(a * b) for a, b in bands]) / self.recording.duration
         bins = np.diff(bands, axis=1).ravel() * self.recording.runs
-        for which, name in enumerate(("u", "x")):
-            if name not in self.signals:
-                continue
+        for name in [name for name in ("u", "x") if name in self.signals]:
             signal = self.signals[name] - self.signals[name].mean(axis=1, keepdims=True)
             # The side lobes of a window cos^4 fall by 30 dB an octave.
             transform = np.fft.rfft(signal * np.hanning(signal.shape[1]) ** 2)
@@ -128,6 +131,7 @@ class _Look:
             steepest = first = int(np.argmin(np.where(known, slope, 0.0)))
             between = known[:-3] & (hertz[:-6] < 9.0)
             octave = float(np.min((level[6:] - level[:-6])[between], initial=0.0))
+            which = ("u", "x").index(name)
             half = RECORDER.half_octave[which]
             if slope[steepest] >= half and octave >= RECORDER.octave[which]:
                 continue
@@ -174,9 +178,8 @@ class _Look:
     def lost(self) -> Iterator[Finding]:
         """Samples of x lost, repeated or spiked: x cannot be told from its past and its drive."""
         forced = [self.signals[n] for n in ("ft", "fd") if n in self.signals]
-        if "x" not in self.signals or any(_is_stepped(signal) for signal in forced):
-            return
-        if is_resampled(self.recording, "x"):
+        stepped = any(_is_stepped(signal) for signal in forced)
+        if "x" not in self.signals or stepped or is_resampled(self.recording, "x"):
             return
         x, drive = self.signals["x"], self.recording.window(drive_of(self.recording))
         ratio, share, count, run, sample = _outliers(x, drive)

@@ -77,7 +77,8 @@ def identified_element(recording: Recording) -> ElementChoice:
     """
     for name, signal in (("x", recording.x), ("u + fd", drive_of(recording))):
         if not np.ptp(recording.window(signal), axis=1).any():
-            return ElementChoice(why=f"{name} does not move")
+            absent = name == "x" and "x" not in recording.signals
+            return ElementChoice(why=f"{name} {'was not recorded' if absent else 'does not move'}")
     fits = fits_of(recording)
     if not fits:
         return ElementChoice(why="no form of element suits control and output")
@@ -156,7 +157,8 @@ def chosen_element(recording: Recording, given: GivenElement = None) -> ElementC
         if left <= 0.5 * ELEMENT.different:  # to ask signals for a form takes long
             return ElementChoice(named, FILE)
     identified = identified_element(recording)
-    fault = next((f for f in findings(recording) if f.grade != "note"), None)
+    faults = (f for f in findings(recording) if f.grade != "note" and not f.is_turned)
+    fault = next(faults, None)
     shifted = fault and fault.code == "late-signal" and abs(fault.size) > ELEMENT.late
     shown = None if identified.why or shifted else identified.element
     stated = ElementChoice(as_element(given), GIVEN) if given else ElementChoice(named, FILE)

@@ -26,7 +26,7 @@ class RecorderLimits(NamedTuple):
     own: float = 3e-5  # rms of e - (ft - x) over that of e (1e-15); files of 5 decimals reach it
     outlier: tuple[float, float] = (60.0, 5e-3)  # over the usual error, and over rms (3e-6)
     converter_steps: float = 10.0  # of a converter, that are no jump
-    identity: float = 0.02  # of a sample, by which e and ft or x are apart (0)
+    identity: float = 0.1  # of a sample, by which e and ft or x are apart (0)
     apart: tuple[float, float] = (0.2, 0.005)  # of a sample, and s, of u against fd (.003 s)
     biased: float = 2.0  # s for each share of u unexplained, by which noise on x moves times (1)
     answer: tuple[float, float] = (0.7, 0.003)  # the same of x: half a sample is a way to simulate
@@ -58,6 +58,9 @@ class SignalLimits(NamedTuple):
     own_trend: float = 0.1  # share of a trend that the signals of the loop must leave to be told
     identity: float = 0.01  # rms of e - (ft - x) over that of e, but for noise (3e-6)
     noise: float = 0.1  # the same with the noise that channels recorded apart have
+    more_coherent: float = (
+        0.01  # by which e answers to u and fd more than x, if names are exchanged
+    )
     shown: float = 0.5  # share of the target's fast lines that the error must show
     fastest_loop: float = 7.0  # rad/s; people cross over at 6 rad/s at most
     scaled: float = 0.02  # by which a factor between signals differs from 1 to be one of units
