@@ -300,9 +300,7 @@ def exchanged(recording: Recording) -> Remark | None:
         swapped = plant_of(replace(recording, x=recording.e, e=recording.x))
         least = named.mean_coherence + SIGNAL.more_coherent
         if swapped and swapped.polarity > 0.0 and swapped.mean_coherence > least:
-            return Remark(
-                "exchanged", f"e answers to u and fd, not x; {_exchange(recording)}", "wrong"
-            )
+            return Remark("exchanged", f"not x but e answers to u; {_exchange(recording)}", "wrong")
     lines = target_lines(recording)
     if lines is None or recording.ft is None:
         return None
