@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -72,6 +73,7 @@ def test_no_workers_is_told_and_can_be_ended(
     _, address = scheduler(started, tmp_path / "scheduler")
     process = study(started, address, tmp_path / "out")
     assert "has no workers; waiting" in process.stderr.readline()
+    time.sleep(1.0)  # in the middle of handing tasks over Dask would say more
     process.send_signal(signal.SIGINT)
     status, lines = ended(process)
     assert status == 130
