@@ -276,24 +276,22 @@ class ProfileSearch:
         return float(point[which])
 
     def look_in_valleys(
-        self,
-        others: FloatArray,
-        costs: FloatArray,
-        known: FloatArray,
-        targets: FloatArray,
-        doubted: BoolArray,
+        self, others: FloatArray, known: FloatArray, targets: FloatArray, doubted: BoolArray
     ) -> None:
         """Come upon ends that lie farther out in other valleys than where they were sought.
 
         Parameters
         ----------
-        others, costs
-            Points of other valleys, shape (points, parameters), and their costs, shape (points,).
+        others
+            Points of other valleys, shape (points, parameters).
         known, targets
             The intervals, shape (count, 2), and the cost of the ends of each, shape (count,).
         doubted
             Which ends may lie farther out, shape (count, 2).
         """
+        if not (len(others) and doubted.any()):
+            return
+        costs = self.gram(others)[:, -1, -1]
         self.points.extend(others)
         self.costs.extend(costs.tolist())
         for k, side in np.argwhere(doubted).tolist():
@@ -471,11 +469,10 @@ def profile_intervals(
         room = np.where(space.positive, 1.0, 0.25 * (upper - lower))
         room = np.where(np.arange(len(room)) == which[:, None], np.inf, room)
         is_far = (np.abs(points - best) > room).any(axis=1).reshape(2, count).T
-        search.look_in_valleys(best, np.array([lowest]), known, target[:count], is_far)
-        if others is not None and len(others):
-            near, costs = scale.enter(others), gram(others)[:, -1, -1]
-            every = np.ones_like(is_far)
-            search.look_in_valleys(near, costs, known, target[:count], every)
+        search.look_in_valleys(best, known, target[:count], is_far)
+        if others is not None:
+            near = scale.enter(others)
+            search.look_in_valleys(near, known, target[:count], np.ones_like(is_far))
         known = search.extended(known, target[:count])
     lowest_of_all = int(np.nanargmin(search.costs))
     is_better = search.costs[lowest_of_all] < least
