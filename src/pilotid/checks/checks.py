@@ -312,20 +312,20 @@ def exchanged(recording: Recording) -> Remark | None:
     target = np.fft.rfft(recording.window(recording.ft))[:, fast]
     weight = np.abs(target) ** 2 / noise
     shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
-    surely = shown + RECORDER.errors / math.sqrt(2.0 * float(np.sum(weight))) < SIGNAL.shown
+    if not shown + RECORDER.errors / math.sqrt(2.0 * float(np.sum(weight))) < SIGNAL.shown:
+        return None
     # People who see a target ahead follow its fast lines, but x still answers to u: with coherence
     # at all frequencies, or at the target's lines if a disturbance may not be recorded.
     what = "polarity" if recording.fd is None else "mean_coherence"
     plants = [plant_of(replace(recording, x=x, e=recording.x)) for x in (recording.x, recording.e)]
     as_named, turned = (getattr(plant, what, 0.0) for plant in plants)
-    is_answer = turned > as_named if turned != as_named else None
-    if not surely or is_answer is False:
+    if not turned >= as_named:  # nor where one is no number
         return None
     return Remark(
         "exchanged",
         f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows: e "
         f"and x seem to be exchanged, unless the target is seen ahead; {_exchange(recording)}",
-        "wrong" if is_answer else "doubt",
+        "wrong" if turned > as_named else "doubt",
     )
 
 

@@ -117,7 +117,9 @@ class _Look:
             return
         hertz = np.array([math.sqrt(a * b) for a, b in bands]) / self.recording.duration
         bins = np.diff(bands, axis=1).ravel() * self.recording.runs
-        for name in [name for name in ("u", "x") if name in self.signals]:
+        for name, half, whole in zip("ux", RECORDER.half_octave, RECORDER.octave, strict=True):
+            if name not in self.signals:
+                continue
             signal = self.signals[name] - self.signals[name].mean(axis=1, keepdims=True)
             # The side lobes of a window cos^4 fall by 30 dB an octave.
             transform = np.fft.rfft(signal * np.hanning(signal.shape[1]) ** 2)
@@ -131,9 +133,7 @@ class _Look:
             steepest = first = int(np.argmin(np.where(known, slope, 0.0)))
             between = known[:-3] & (hertz[:-6] < 9.0)
             octave = float(np.min((level[6:] - level[:-6])[between], initial=0.0))
-            which = ("u", "x").index(name)
-            half = RECORDER.half_octave[which]
-            if slope[steepest] >= half and octave >= RECORDER.octave[which]:
+            if slope[steepest] >= half and octave >= whole:
                 continue
             while first > 0 and slope[first - 1] < RECORDER.goes_on:
                 first -= 1

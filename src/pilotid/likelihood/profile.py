@@ -196,9 +196,9 @@ def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
         limit = float(optimum.end.cost[0]) * math.exp(
             optimum.variance_factor * USUAL_SYSTEM_DEVIANCE / optimum.freedom
         )
-        ends = []
+        starts, ends = np.unique([start, _inside(optimum)], axis=0), []
         for frequency, damping in product(FREQUENCIES, DAMPINGS[1:]):
-            points = np.unique([start, _inside(optimum)], axis=0)
+            points = starts.copy()
             points[:, [f, d]] = frequency, damping
             # The sum of all delays, which is known best, stays.
             points[:, list(model.delays)] += 2.0 * (start[d] / start[f] - damping / frequency)
