@@ -26,13 +26,14 @@ human multimodal perception and control using genetic maximum likelihood estimat
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from pilotid.likelihood.estimates import WhiteLikelihood
 from pilotid.model.model import PilotModel
-from pilotid.solve.least_squares import Gram, Minima, evolve
+from pilotid.solve.least_squares import Gram, LogTransform, Minima, minimise, solve_linear
+from pilotid.support.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -55,5 +56,44 @@ class MLEGenetic(WhiteLikelihood):
     libraries: ClassVar[tuple[str, ...]] = ("scipy.optimize",)
 
     def search(self, gram: Gram, model: PilotModel, rng: np.random.Generator) -> Minima:
-        """By generations that `rng` draws; the model's start plays no part."""
-        return evolve(gram, model, rng, population=self.population, generations=self.generations)
+        """From the best point that differential evolution finds; the model's start plays no part.
+
+        It looks in the parameters' usual ranges and somewhat beyond, within the bounds.  Gains
+        enter linearly: they are solved for, and evolution is left with the others, positive ones on
+        a logarithmic scale.  `rng` draws the first population and its offspring.
+        """
+        from scipy.optimize import Bounds, differential_evolution
+
+        free = [i for i in range(len(model.parameters)) if i not in model.linear]
+        scale = LogTransform(model.positive[free])
+        low, high = model.usual
+        # Below and above their usual range by a factor of 2; the range of others is twice as wide.
+        beyond = 0.5 * (high - low)
+        low = np.maximum(np.where(model.positive, low / 2.0, low - beyond), model.lower)
+        high = np.minimum(np.where(model.positive, high * 2.0, high + beyond), model.upper)
+        # Where a gain would have to be negative, a tenth of this is taken for it.
+        base = np.where(model.positive, 10.0 * model.lower, 0.0)
+
+        def solved(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+            """Whole parameter sets for evolving ones, shape (sets, free), and their costs."""
+            values = np.tile(base, (len(points), 1))
+            values[:, free] = scale.leave(points)
+            return solve_linear(gram(values), values, model.linear, model.lower)
+
+        def cost(points: FloatArray, /) -> Any:  # one for each column: scipy's types do not know
+            costs = solved(points.T)[1]
+            return np.where(np.isnan(costs), np.inf, costs)
+
+        best = np.zeros(0)
+        if free:
+            best = differential_evolution(
+                cost,
+                Bounds(scale.enter(low[free]), scale.enter(high[free])),
+                popsize=self.population,
+                maxiter=self.generations,
+                polish=False,
+                updating="deferred",
+                vectorized=True,
+                seed=rng,
+            ).x
+        return minimise(gram, solved(best[None])[0], model, tolerance=1e-3)

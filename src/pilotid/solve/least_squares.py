@@ -3,7 +3,7 @@
 Levenberg-Marquardt on the normal equations, with the bounds as an active set, for
 all starts in one vectorised sweep.  scipy.optimize.least_squares is the oracle of
 the tests; it takes one start at a time and factorises the full Jacobian.  `search` screens starts
-before, `evolve` looks for one by differential evolution.
+before.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -487,68 +487,3 @@ def draw_starts(space: SearchSpace, rng: np.random.Generator, count: int) -> Flo
     share = rng.uniform(size=(count, len(low)))
     drawn = np.where(space.positive, low * (high / low) ** share, low + share * (high - low))
     return np.asarray(drawn)
-
-
-def evolve(
-    gram: Gram,
-    space: SearchSpace,
-    rng: np.random.Generator,
-    *,
-    population: int,
-    generations: int,
-) -> Minima:
-    """Minimise from the best point that differential evolution finds.
-
-    It looks in the parameters' usual ranges and somewhat beyond, within the bounds.  Gains
-    enter linearly: they are solved for, and evolution is left with the others, positive ones on
-    a logarithmic scale.  The space's start plays no part.
-
-    Parameters
-    ----------
-    gram
-        Gram matrices of the residual to minimise and its Jacobian.
-    space
-        Gives the ranges, and the bounds of the last search.
-    rng
-        Draws the first population and its offspring.
-    population
-        Points for each parameter that evolves.
-    generations
-        Largest number of generations.
-    """
-    from scipy.optimize import Bounds as Box
-    from scipy.optimize import differential_evolution
-
-    free = [i for i in range(len(space.start)) if i not in space.linear]
-    scale = LogTransform(space.positive[free])
-    low, high = space.usual
-    # Below and above their usual range by a factor of 2; the range of others is twice as wide.
-    beyond = 0.5 * (high - low)
-    low = np.maximum(np.where(space.positive, low / 2.0, low - beyond), space.lower)
-    high = np.minimum(np.where(space.positive, high * 2.0, high + beyond), space.upper)
-    # Where a gain would have to be negative, a tenth of this is taken for it.
-    base = np.where(space.positive, 10.0 * space.lower, 0.0)
-
-    def solved(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whole parameter sets for evolving ones, shape (sets, free), and their costs."""
-        values = np.tile(base, (len(points), 1))
-        values[:, free] = scale.leave(points)
-        return solve_linear(gram(values), values, space.linear, space.lower)
-
-    def cost(points: FloatArray, /) -> Any:  # one for each column: scipy's types do not know
-        costs = solved(points.T)[1]
-        return np.where(np.isnan(costs), np.inf, costs)
-
-    best = np.zeros(0)
-    if free:
-        best = differential_evolution(
-            cost,
-            Box(scale.enter(low[free]), scale.enter(high[free])),
-            popsize=population,
-            maxiter=generations,
-            polish=False,
-            updating="deferred",
-            vectorized=True,
-            seed=rng,
-        ).x
-    return minimise(gram, solved(best[None])[0], space, tolerance=1e-3)
