@@ -266,7 +266,7 @@ def test_the_product_of_gain_and_lead_time_comes_from_the_draws() -> None:
     assert estimate.values[0] * estimate.values[1] == pytest.approx(product.value, rel=5e-3)
 
 
-def test_a_remnant_that_cannot_be_inverted_has_no_density() -> None:
+def test_filters_that_cannot_be_inverted_and_unstable_loops_have_no_density() -> None:
     """Of this recording such filters have densities far above that of the optimum."""
     population = POPULATIONS["population-short"]
     scenario = scenario_of(population, 1, 61)
@@ -284,3 +284,5 @@ def test_a_remnant_that_cannot_be_inverted_has_no_density() -> None:
     assert not known.all()
     assert not np.isfinite(density[~known]).any()
     assert density.max() < posterior.log_density(centre[None])[0] + 6.0
+    stable, unstable = centre, centre + np.log(6.0) * np.eye(centre.size)[0]  # of a gain
+    assert list(np.isfinite(posterior.log_density(np.array([stable, unstable])))) == [True, False]

@@ -251,6 +251,7 @@ class Posterior:
         if terms is not None:
             loop = self._prediction.loop.residual_spectra(values[:, : joint.pilot_count])
             deviance += 2.0 * (terms.of_loop(loop[:, 0]) + terms.of_whitener(taps))
+            deviance[~terms.are_stable(loop[:, 0])] = np.inf  # the recorded loop was stable
         return np.asarray(-0.5 / self.widened * deviance)
 
     def sums_of_squares(self, values: FloatArray, taps: FloatArray) -> FloatArray:
