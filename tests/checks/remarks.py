@@ -25,6 +25,7 @@ from strata import of_stratum
 from pilotid.checks.checks import remarks
 from pilotid.checks.element_fit import chosen_element
 from pilotid.datasets import POPULATIONS, SCENARIOS, simulate
+from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.method import identify
 from pilotid.methods import method_named
 from pilotid.model.model import PilotModel
@@ -66,10 +67,12 @@ def drawn(
         yield recording, scenario.model, dict(zip(scenario.model.keys, scenario.truth, strict=True))
 
 
-def said_of(recording: Recording) -> dict[str, str]:
-    """Codes and grades of what is said of a recording."""
-    told = (*remarks(recording), *chosen_element(recording).remarks)
-    return {r.code: r.grade for r in told}
+def loud_of(recording: Recording, estimate: Estimate | None = None) -> dict[str, str]:
+    """Codes of the doubts of a recording, and of an estimate of it, with their worst grades."""
+    told = [*remarks(recording), *chosen_element(recording).remarks]
+    told += estimate.remarks if estimate else ()
+    grades = ("doubt", "wrong")
+    return {r.code: r.grade for grade in grades for r in told if r.grade == grade}
 
 
 def false_alarms(name: str, first: int, count: int) -> None:
@@ -80,8 +83,7 @@ def false_alarms(name: str, first: int, count: int) -> None:
         estimate = identify(method_named("mle"), recording, model, np.random.default_rng(i))
         if not estimate.outcome.usable:
             continue
-        said = said_of(recording) | {r.code: r.grade for r in estimate.remarks}
-        loud = {code: grade for code, grade in said.items() if grade != "note"}
+        loud = loud_of(recording, estimate)
         true = np.array([truth[key] for key in model.keys])
         low, high = estimate.intervals.T
         covered.append(float(np.mean((low <= true) & (true <= high))))
@@ -118,10 +120,9 @@ def of_people(folder: Path) -> None:
     for file, mapping in files:
         recording = load_recording(file, mapping=mapping)
         total[file.parent.name] += 1
-        for code, grade in said_of(recording).items():
-            if grade != "note":
-                count[f"{file.parent.name} {grade} {code}"] += 1
-                print(f"    {file.parent.name}/{file.stem}: {grade} {code}")
+        for code, grade in loud_of(recording).items():
+            count[f"{file.parent.name} {grade} {code}"] += 1
+            print(f"    {file.parent.name}/{file.stem}: {grade} {code}")
     print(f"people: {dict(total)}; {dict(count)}")
 
 
