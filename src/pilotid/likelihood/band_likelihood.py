@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -95,6 +96,7 @@ class BandTerms:
     def __init__(
         self, weighting: Weighting, dt: float, scored: int, runs: int, poles: tuple[float, ...]
     ) -> None:
+        self.samples = scored
         omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, dt)[1:], dtype=float)
         weights = weighting.weights(omega)
         weights[weights < MIN_WEIGHT] = 0.0
@@ -136,32 +138,43 @@ class BandTerms:
         spectra *= np.sqrt(2.0 * self.weights / rows.shape[-1])
         return np.ascontiguousarray(spectra).view(float)
 
-    def lagged(self, signal: FloatArray, order: int) -> FloatArray:
-        """As `weighted` of a signal delayed by 0, 1, ..., `order` samples.
+    def lagged_products(self, signal: FloatArray, order: int) -> FloatArray:
+        """Products of a signal delayed by 0, 1, ..., `order` samples, in the band, of all runs.
 
         Parameters
         ----------
         signal
-            The signal from `order` samples before the window on, shape (..., order + samples).
+            The signal from `order` samples before the window on, shape
+            (sets, runs, order + samples).
         order
-            The longest delay.
+            The longest delay, at most `FAR`.
 
         Returns
         -------
         FloatArray
-            Shape (order + 1, ..., n).
+            Shape (sets, order + 1, order + 1).
         """
-        samples = signal.shape[-1] - order
-        bins = np.arange(self.weights.size)
-        delay = np.exp(-2j * np.pi / samples * bins)
-        lags = np.empty((order + 1, *signal.shape[:-1], bins.size), dtype=complex)
-        lags[0] = np.fft.rfft(signal[..., order:])[..., : bins.size]
-        for lag in range(order):  # a window that slides by a sample gains one and loses one
-            change = signal[..., order - 1 - lag] - signal[..., -1 - lag]
-            np.multiply(lags[lag], delay, out=lags[lag + 1])
-            lags[lag + 1] += change[..., None]
-        lags *= np.sqrt(2.0 * self.weights / samples)
-        return lags.view(float)
+        lags, turned = np.arange(order + 1), self._turned[:, FAR - order : FAR + order + 1]
+        apart = order + np.subtract.outer(lags, lags)
+        spectra = np.fft.rfft(signal[..., order:])[..., : self.weights.size]
+        power = np.sum(spectra.real**2 + spectra.imag**2, axis=1)
+        # A window that slides by a sample gains one and loses one.  So the transform at lag l is
+        # z^l times the first, and besides the sum over q < l of change l - 1 - q times z^q.
+        change = signal[..., order - 1 :: -1][..., :order] - signal[..., : -order - 1 : -1]
+        change = np.append(change, np.zeros_like(change[..., :1]), axis=-1)
+        before = np.subtract.outer(lags - 1, lags[:-1])
+        changes = change[..., np.where(before < 0, order, before)]  # (sets, runs, lag, q)
+        across = (spectra @ turned).real[..., apart[:, :-1]]
+        across += 0.5 * changes @ turned.real.sum(axis=0)[apart[:-1, :-1]]
+        half = np.sum(across @ changes.swapaxes(2, 3), axis=1)
+        return np.asarray((power @ turned.real)[:, apart] + half + half.swapaxes(1, 2))
+
+    @cached_property
+    def _turned(self) -> ComplexArray:
+        """Weights times responses of delays by -FAR to FAR samples, shape (bins, 2 FAR + 1)."""
+        bins, lags = np.arange(self.weights.size), np.arange(-FAR, FAR + 1)
+        delays = np.exp(-2j * np.pi / self.samples * np.outer(bins, lags))
+        return np.asarray(2.0 / self.samples * self.weights[:, None] * delays)
 
     def filtered(self, rows: FloatArray) -> FloatArray:
         """Rows (..., samples) filtered by the weights: their products with rows are weighted."""

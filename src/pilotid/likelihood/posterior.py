@@ -38,6 +38,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from pilotid.estimate.quantities import Draws
 from pilotid.likelihood.band_likelihood import most_likely_regression
@@ -293,14 +294,12 @@ class Posterior:
             amplitudes = signal[..., order:] @ np.linalg.pinv(prediction.nuisance_terms).T
             time = np.arange(-order, prediction.scored) * prediction.dt
             signal = signal - amplitudes @ np.exp(np.outer(prediction.nuisance_poles, time))
-        lags = np.moveaxis(prediction.lagged(signal, order), 0, 1)
-        if self._terms is None:
-            lags = prediction.without_nuisance(lags)
-        flat = lags.reshape(*lags.shape[:2], -1)
-        products = np.asarray(flat @ flat.transpose(0, 2, 1))
         if self._terms is not None:
-            products += self._terms.outside[: order + 1, : order + 1]
-        return products
+            outside = self._terms.outside[: order + 1, : order + 1]
+            return self._terms.lagged_products(signal, order) + outside
+        lags = np.moveaxis(sliding_window_view(signal, prediction.scored, axis=-1), 2, 1)
+        flat = prediction.without_nuisance(lags[:, ::-1]).reshape(len(values), order + 1, -1)
+        return np.asarray(flat @ flat.transpose(0, 2, 1))
 
     def regressed(self, products: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Whitening filters that suit best, and log-determinants of what was integrated out."""
@@ -340,9 +339,11 @@ class Posterior:
 LogDensity = Callable[[FloatArray], FloatArray]
 
 FREEDOM = 10.0  # of the Student-t distributions: tails heavier than a likelihood's
-#: Steps of a run before it is looked at, by the mixtures fitted before it, and the share of its
-#: moves that do not depend on the walkers: where these are followed badly, the others are better.
+#: Steps of a run after which another mixture is fitted if that is worth its time, by the mixtures
+#: fitted before it, and the share of its moves that do not depend on the walkers: where these are
+#: followed badly, the others are better.
 RUNS = ((44, 0.9), (66, 0.9), (176, 0.6), (352, 0.6), (352, 0.6), (352, 0.6))
+FIRST_LOOK = 44  # steps of a run before it is looked at
 ENSEMBLES = 2  # independent ones
 SETTLED = 2.0  # autocorrelation times that are thrown away at the start
 LONG = 5.0  # autocorrelation times that a run has at least: a shorter one does not know them
@@ -544,31 +545,29 @@ def sample(
         start = points[rng.choice(len(points), count, p=weights)]
         seed = np.random.RandomState(int(rng.integers(2**32))).get_state()
         states.append(emcee.State(start, random_state=seed))
-    refits, done, target = 0, 0, 0
+    refits, done = 0, 0
     while True:
         if not done:
-            steps, share = RUNS[refits]
-            samplers, target = [sampler_of(share) for _ in states], min(steps, most)
+            longest, share = RUNS[refits]
+            samplers = [sampler_of(share) for _ in states]
+        steps = min(max(FIRST_LOOK if not done else FIRST_LOOK // 2, done // 4), most - done)
         # emcee would refuse walkers that start close to a line; differential evolution
         # copes with the narrow valleys that pilots have.
         states = [
-            sampler.run_mcmc(state, target - done, skip_initial_state_check=True)
+            sampler.run_mcmc(state, steps, skip_initial_state_check=True)
             for sampler, state in zip(samplers, states, strict=True)
         ]
-        done = target
+        done += steps
         draws = _drawn(posterior, samplers, effective)
         if draws.converged or done >= most:
             return draws
-        times = float(np.max(draws.autocorrelation))
-        if refits + 1 < len(RUNS) and times > 12.0:  # another mixture is worth its time
+        last = refits + 1 == len(RUNS)
+        if not last and done >= longest and float(np.max(draws.autocorrelation)) > 12.0:
+            # Another mixture is worth its time.
             chains = np.concatenate([sampler.get_chain(flat=True) for sampler in samplers])
             every = np.full(len(chains), 1.0 / len(chains))
             proposal = fitted(chains, every, np.cov(chains.T), 8, rng)
             refits, done = refits + 1, 0
-            continue
-        # A short run underestimates its autocorrelation time.
-        kept = max(LONG, effective / (ENSEMBLES * count)) * times
-        target = min(most, max(done + RUNS[0][0] // 2, math.ceil(1.15 * kept + SETTLED * times)))
 
 
 def _drawn(posterior: Posterior, samplers: list, effective: float) -> Draws:  # type: ignore[type-arg]

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from pilotid.likelihood.band_likelihood import BandTerms, Weighting, group_begins
 from pilotid.likelihood.prepare import FAR, REACH, Band, Window, window_of
@@ -408,13 +407,6 @@ class Prediction:
         """Rows of samples as real numbers whose products are those of the likelihood."""
         terms = self.band_terms
         return rows if terms is None or self.weights is not None else terms.weighted(rows)
-
-    def lagged(self, signal: FloatArray, order: int) -> FloatArray:
-        """As `weighted_rows` of a signal delayed by 0, 1, ..., `order` samples, see `BandTerms`."""
-        if self.band_terms is not None:
-            return self.band_terms.lagged(signal, order)
-        windows = sliding_window_view(signal, self.scored, axis=-1)
-        return np.moveaxis(windows, -2, 0)[::-1]
 
     def of_runs(self, runs: list[int]) -> Prediction:
         """The prediction of some runs alone."""
