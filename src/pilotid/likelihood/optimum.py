@@ -146,6 +146,8 @@ class Optimum:
     others
         Pilots of other optima that were about as likely, each of shape (parameters,), and their
         criteria.
+    rivals
+        Fits near it with other models of the remnant that are about as likely.
     """
 
     joint: Likelihood
@@ -156,6 +158,7 @@ class Optimum:
     lines_pilot: Sequence[FloatArray] = ()
     is_refined: bool = False
     others: Sequence[tuple[FloatArray, float]] = ()
+    rivals: Sequence[Optimum] = ()
 
     @property
     def competing(self) -> list[FloatArray]:

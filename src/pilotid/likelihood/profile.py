@@ -76,7 +76,9 @@ def with_profile(estimate: Estimate, optimum: Optimum, profile: Profile) -> Esti
     sought, covariance = deviances(optimum), estimate.covariance
     intervals = over_systems(optimum, profile.intervals)
     # With another model of the remnant, too, a pilot may be as likely.
-    intervals = _holding(intervals, optimum.competing)
+    beside = [profile_about(rival.refined()) for rival in optimum.rivals]
+    ends = (end for profile in beside if profile for end in profile.intervals.T)
+    intervals = _holding(intervals, [*ends, *optimum.competing])
     # The length of an interval tells the scatter of skewed estimates; the likelihood's
     # curvature at its maximum, from which the covariance is, only the middle of it.
     reach = np.sqrt(sought / optimum.variance_factor)
