@@ -128,8 +128,9 @@ class Estimate:
     draws
         Draws of the posterior, where the method has one.
     criterion
-        What the search made small: -2 log-likelihood up to a constant of the recording, its band
-        and the free decays that are fitted with it, or the like; NaN where there is none.
+        What the search made small, up to a constant of the recording, its band and the free decays
+        that are fitted with it: -2 log-likelihood and Akaike's penalty for all parameters that are
+        fitted, about 2 for each, so that one that is held takes 2 away; NaN where there is none.
     remarks
         What a user must know before believing it, a sentence each; empty if all is well.
     seconds

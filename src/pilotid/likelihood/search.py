@@ -41,6 +41,7 @@ from pilotid.likelihood.prediction import Prediction, predict
 from pilotid.likelihood.prepare import Band, decimation
 from pilotid.likelihood.remnant_models import (
     FIRST_NOISE_MODEL,
+    NOISE_MODELS,
     WHITE,
     BandPass,
     Guess,
@@ -499,6 +500,9 @@ class RemnantChoice:
         models = [self.noise] if self.noise else models
         every = contenders(*suited) if models is None else guesses(*suited, models)
         fits = [self._fitted(guess) for guess in every]
+        if not (self.noise or any(fit.is_invertible for fit in fits)):
+            filters = [model for model in NOISE_MODELS if not model.regressive]
+            fits += [self._fitted(guess) for guess in guesses(*suited, filters)]
         best = min(fits, key=_criterion)
         near = [fit for fit in fits if not fit.criterion > best.criterion + best.remaining_decrease]
         return best if len(near) == 1 else min(map(self._refined, near), key=_criterion)

@@ -541,5 +541,6 @@ def _solved(matrices: FloatArray, right: FloatArray) -> FloatArray:
     try:
         return np.asarray(np.linalg.solve(matrices, right))
     except np.linalg.LinAlgError:
-        # Far from the optimum, or at a bound, a parameter may lose all influence.
-        return np.asarray(np.linalg.pinv(matrices) @ right)
+        # Far from the optimum, or at a bound, a parameter may lose all influence; what is outside a
+        # problem's domain, without a number, goes nowhere.
+        return np.asarray(np.linalg.pinv(np.where(np.isfinite(matrices), matrices, 0.0)) @ right)
