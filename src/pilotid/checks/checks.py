@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from pilotid.checks.detectors import findings, step_between, unit_conversion
+from pilotid.checks.element_fit import unexplained
 from pilotid.checks.plant import element_changes, opposed, plant_of, runs_apart, unrelated
 from pilotid.recording.recording import ABSENT, Recording, remembered
 from pilotid.recording.spectra import at_lines, known_lines, same_lines, target_lines
@@ -66,6 +67,8 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
     if named:  # explains what times and gains seem to be
         faults = [f for f in faults if f.code not in RELATED]
     every = [named, *tabled, *(Remark(f.code, f.sentence, f.grade) for f in faults)]
+    if all(remark is None or remark.grade == "note" for remark in every):
+        every.append(unexplained(recording))
     treated = (
         sentence if isinstance(sentence, Remark) else Remark("preprocessed", sentence)
         for sentence in recording.treatment

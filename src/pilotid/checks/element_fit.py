@@ -8,6 +8,7 @@ notice, or else the one of the smallest Bayesian information criterion.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,12 +48,15 @@ class ElementChoice:
         Why none is known, or what speaks against it, in a sentence; empty if nothing does.
     remarks
         Where what is said of it and what signals show disagree, a sentence each.
+    is_poor
+        Whether x is hardly its answer, and that of none of low order.
     """
 
     element: ControlledElement | None = None
     origin: str = ""
     why: str = ""
     remarks: tuple[Remark, ...] = ()
+    is_poor: bool = False
 
     def named_in(self, recording: Recording) -> Recording:
         """The recording, naming the element that was given, for methods that need the loop."""
@@ -86,19 +90,22 @@ def identified_element(recording: Recording) -> ElementChoice:
     error = float(chosen.error_at(OMEGA).max())
     element = element_named(chosen.form.name(rounded(chosen.values, chosen.covariance)))
     why = _against(element, chosen.explained, error)
-    return ElementChoice(element, SIGNALS, why)
+    return ElementChoice(element, SIGNALS, why, is_poor=chosen.explained < ELEMENT.sound)
 
 
 def _is_steerable(fit: FormFit) -> bool:
     """Whether people can keep a loop with the element stable.
 
     With a zero z and a pole p in the right half-plane the sensitivity is at least
-    (z + p)/|z - p| somewhere (Skogestad & Postlethwaite, *Multivariable Feedback Control*, ch. 5);
-    where noise is fitted the two are nearly one.
+    (z + p)/|z - p| somewhere, and its complement e^(p delay) with a delay (Skogestad &
+    Postlethwaite, *Multivariable Feedback Control*, ch. 5); where noise is fitted zero and pole are
+    nearly one.
     """
     every = (np.roots(polynomial) for polynomial in fit.form.polynomials(fit.values))
     zero, pole = (roots.real[roots.real > 0.0] for roots in every)
     if np.any(zero < ELEMENT.slowest_zero) or np.any(pole > ELEMENT.fastest_pole):
+        return False
+    if np.any(pole * fit.values[-1] > math.log(ELEMENT.sensitivity)):
         return False
     z, p = np.meshgrid(zero, pole)
     return bool(np.all(z + p <= ELEMENT.sensitivity * np.abs(z - p)))
@@ -123,8 +130,8 @@ def _against(element: ControlledElement, explained: float, error: float) -> str:
     if explained < ELEMENT.sound:
         return (
             "control and output follow no one controlled element: the best of low order explains "
-            f"{explained:.0f} % of x; it may change within a run, a disturbance may be missing, or "
-            "a name or a sign may be wrong"
+            f"{explained:.0f} % of x; it may change within a run, a disturbance may be missing, a "
+            "signal late, or a name, a unit or a sign wrong"
         )
     if error > ELEMENT.known:
         return (
@@ -140,6 +147,25 @@ def _against(element: ControlledElement, explained: float, error: float) -> str:
     return ""
 
 
+def confirmed_element(recording: Recording) -> ControlledElement | None:
+    """The element that the file names, where its signals follow it closely; else None."""
+    named = parsed_element(recording.controlled_element)
+    if named is None:
+        return None
+    with np.errstate(all="ignore"):  # signals that do not move, which tell nothing
+        return (
+            named if spectra_of(recording).unexplained(named) <= 0.5 * ELEMENT.different else None
+        )
+
+
+def unexplained(recording: Recording) -> Remark | None:
+    """A doubt where x is the answer to u + fd by no element of low order."""
+    if recording.fd is None or confirmed_element(recording):
+        return None
+    choice = identified_element(recording)
+    return Remark("output-unrelated", choice.why, "doubt") if choice.is_poor else None
+
+
 def chosen_element(recording: Recording, given: GivenElement = None) -> ElementChoice:
     """The element that the user gives, else that the file names, else that its signals show.
 
@@ -150,12 +176,9 @@ def chosen_element(recording: Recording, given: GivenElement = None) -> ElementC
     given
         The user's element, or its text, if any.
     """
+    if not given and (confirmed := confirmed_element(recording)):
+        return ElementChoice(confirmed, FILE)  # to ask signals for a form takes long
     named = parsed_element(recording.controlled_element)
-    if named and not given:
-        with np.errstate(all="ignore"):  # signals that do not move, which tell nothing
-            left = spectra_of(recording).unexplained(named)
-        if left <= 0.5 * ELEMENT.different:  # to ask signals for a form takes long
-            return ElementChoice(named, FILE)
     identified = identified_element(recording)
     faults = (f for f in findings(recording) if f.grade != "note" and not f.is_turned)
     fault = next(faults, None)

@@ -129,7 +129,8 @@ def against_forcing(signals: dict[str, FloatArray], dt: float) -> Best:
 
     (1 + z d/dt)(u(t + a) + b fd) = sum of c_j times the j-th derivative of x(t + c).
     Shifts are 1.2 s of u and .45 s of x at most, in steps of 50 ms, and finer within .12 s.  Where
-    all leave much, one counts that leaves a fifth of what none leaves; else errors are infinite.
+    all leave much, one counts that leaves a fifth of what none leaves, or that is long while x
+    answers to u and fd alike; else errors are infinite.
     """
     reach, every = int(1.2 / dt), max(1, int(0.045 / dt))
     control, forcing, output = (
@@ -171,7 +172,8 @@ def against_forcing(signals: dict[str, FloatArray], dt: float) -> Best:
     tried = [(u, x) for u in grid for x in {0, u} if abs(x) <= most]
     shifted_best = about(min(tried, key=lambda pair: at(pair, 1)[2]))
     best = min(best, shifted_best, key=lambda best: best.left)
-    is_told = best.left <= max(MUCH, 0.2 * at((0, 0))[2])
+    is_long = abs(best.late) > RECORDER.long and abs(best.share - 1.0) <= RECORDER.gain
+    is_told = is_long or best.left <= max(MUCH, 0.2 * at((0, 0))[2])
     return best if is_told else best._replace(error=math.inf, share_error=math.inf)
 
 
