@@ -86,6 +86,15 @@ def test_a_fault_is_named_with_its_size(
     assert found.sentence.startswith((signal, "runs ", "x answers"))
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.06, 0.12, 0.18])
+@pytest.mark.parametrize("name", ["single", "target-only"])
+def test_a_control_that_is_far_late_beside_noise_on_x(name: str, delay: float) -> None:
+    noise = noisy(0.003, "x")(recording_of(name, 1), seeded(1))
+    late = replace(noise, u=shifted(noise.u, noise.dt, -delay), controlled_element="")
+    found = [f.size for f in findings(late) if (f.code, f.signal) == ("late-signal", "u")]
+    assert found == (pytest.approx([delay], abs=0.01) if delay else [])
+
+
 def test_a_control_in_a_small_unit_does_not_include_the_disturbance() -> None:
     recording = recording_of("nominal", 3)
     small = recording.with_arrays({"u": 1e-3 * recording.u})

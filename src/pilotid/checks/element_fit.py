@@ -89,7 +89,7 @@ def identified_element(recording: Recording) -> ElementChoice:
     chosen = simplest([fit for fit in fits if _is_steerable(fit)] or fits)
     error = float(chosen.error_at(OMEGA).max())
     element = element_named(chosen.form.name(rounded(chosen.values, chosen.covariance)))
-    why = _against(element, chosen.explained, error)
+    why = _against(element, chosen.explained, error, float(chosen.values[-1]))
     return ElementChoice(element, SIGNALS, why, is_poor=chosen.explained < ELEMENT.sound)
 
 
@@ -125,13 +125,18 @@ def _short(value: float, error: float) -> float:
     return next((short for short in every if abs(short - value) <= error), value)
 
 
-def _against(element: ControlledElement, explained: float, error: float) -> str:
+def _against(element: ControlledElement, explained: float, error: float, delay: float) -> str:
     """What speaks against an identified element, in a sentence; empty if nothing does."""
     if explained < ELEMENT.sound:
         return (
             "control and output follow no one controlled element: the best of low order explains "
             f"{explained:.0f} % of x; it may change within a run, a disturbance may be missing, a "
             "signal late, or a name, a unit or a sign wrong"
+        )
+    if delay < -ELEMENT.late:
+        return (
+            f"x seems to answer {1e3 * -delay:.0f} ms before u moves, as {element.name} would: "
+            "u is late, or has noise in it that did not reach the element"
         )
     if error > ELEMENT.known:
         return (

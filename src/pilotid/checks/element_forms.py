@@ -246,10 +246,10 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
             products *= math.exp(spectra.mean_log(level))
         return grams
 
-    delays = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s
+    delays = (-0.2, -0.1, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s
     start = min((_start(spectra, form, delay) for delay in delays), key=cost)
     lower, upper = np.full((2, form.size), [[-np.inf], [np.inf]])
-    lower[-1], upper[-1] = -0.15, 0.6  # s, as x may be stored ahead of u
+    lower[-1], upper[-1] = -0.3, 0.6  # s, as u may be late
     tolerance = 0.03 / (2.0 * INDEPENDENT * observations)  # .03 of -2 log-likelihood
     space = Box(lower, upper, np.zeros(form.size, dtype=bool))
     ends = minimise(gram, start[None], space, tolerance=tolerance, iterations=25)

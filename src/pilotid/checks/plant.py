@@ -172,7 +172,7 @@ def against_forcing(signals: dict[str, FloatArray], dt: float) -> Best:
     tried = [(u, x) for u in grid for x in {0, u} if abs(x) <= most]
     shifted_best = about(min(tried, key=lambda pair: at(pair, 1)[2]))
     best = min(best, shifted_best, key=lambda best: best.left)
-    is_long = abs(best.late) > RECORDER.long and abs(best.share - 1.0) <= RECORDER.gain
+    is_long = abs(best.late) > RECORDER.long and abs(best.share - 1.0) <= RECORDER.alike
     is_told = is_long or best.left <= max(MUCH, 0.2 * at((0, 0))[2])
     return best if is_told else best._replace(error=math.inf, share_error=math.inf)
 

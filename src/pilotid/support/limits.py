@@ -29,6 +29,7 @@ class RecorderLimits(NamedTuple):
     identity: float = 0.1  # of a sample, by which e and ft or x are apart (0)
     apart: tuple[float, float] = (0.2, 0.005)  # of a sample, and s, of u against fd (.003 s)
     long: float = 0.05  # s, of a time that noise on x does not make (.043)
+    alike: float = 0.2  # by which noise on x moves the share of fd in the drive, which is 1
     biased: float = 2.0  # s for each share of u unexplained, by which noise on x moves times (1)
     answer: tuple[float, float] = (0.7, 0.003)  # the same of x: half a sample is a way to simulate
     errors: float = 5.0  # standard errors beyond which a time differs from none
