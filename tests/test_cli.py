@@ -220,6 +220,7 @@ def test_several_files_give_a_list_and_joint_gives_one(
         (("--sed", "1"), ("--sed", "pilotid fit --help")),
         (("--json", "none/f.json"), ("none/f.json: cannot be written",)),
         (("--report", "."), (".: cannot be written",)),
+        (("--report", "r.pdf"), ("r.pdf: does not end in .html; a report is an .html file",)),
     ],
     ids=lambda value: "=".join(value) if isinstance(value, tuple) else None,
 )
