@@ -199,6 +199,8 @@ class PilotModel:
                 "the pilot changes during the recording, and the controlled element, by which "
                 "pilots change, most likely too: it has no one loop"
             )
+        if all(channel.on == "ft" for channel in self.channels):
+            return "it acts on the target alone, and closes no loop"
         seen = ", ".join(self.extra)
         return f"it acts on {seen}, and how the loop moves that is not known" if seen else ""
 
