@@ -21,8 +21,9 @@ from pilotid.datasets.experiments import experiment_of, inputs_of
 from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.signals import UNIT_LEVEL, Multisine, samples_of
-from pilotid.datasets.simulation import closed_loop, white_level
+from pilotid.datasets.simulation import closed_loop, simulate, white_level
 from pilotid.likelihood.optimum import BARTLETT_SECONDS
+from pilotid.recording.spectra import forcing_sines
 from pilotid.support.disk import strict_json, table_bytes, write_file
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng
 from pilotid.support.types import ComplexArray, FloatArray, InputError
@@ -337,9 +338,25 @@ def scenario_of_fit(path: Path, scenario: Scenario | None = None) -> Scenario:
     """
     fitted = designed_scenario(path)
     if scenario is None:
-        return fitted
+        return replace(fitted, **_repeated(fitted))
     settings = {name: getattr(fitted, name) for name in ("model", "truth", "element", "remnant")}
     return replace(scenario, **settings, name=f"{scenario.name}-{fitted.name}"[:60])
+
+
+def _repeated(scenario: Scenario) -> dict[str, Any]:
+    """Forcing functions that repeat in the window alone, by their fields of the scenario.
+
+    How a recording began before its window makes no difference to a design.
+    """
+    from pydantic import TypeAdapter
+
+    fields = {"ft": "target", "fd": "disturbance"}
+    sines = forcing_sines(simulate(scenario, draw_rng(DEFAULT_SEED, scenario.name)))
+    return {
+        fields[name]: TypeAdapter(Multisine).validate_python(about)
+        for name, about in sines.items()
+        if getattr(scenario, fields[name]).period > scenario.duration
+    }
 
 
 # ----------------------------------------------------------------------------------- files

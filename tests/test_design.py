@@ -146,10 +146,15 @@ def test_what_cannot_be_is_one_sentence(words: tuple[str, ...], tmp_path: Path, 
     assert len(answer.err.splitlines()) == 1
 
 
-def test_the_reference_is_the_users_own_experiment(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("start", "error"), [(1.0, 1e-6), (0.0, 2e-4)])  # faded in, or not
+def test_the_reference_is_the_users_own_experiment(
+    start: float, error: float, tmp_path: Path
+) -> None:
     target = paper_target().scaled(2.0).with_random_phases(np.random.default_rng(1))
     own = replace(NOMINAL, target=target, runs=2, dt=0.04, units=(("x", "m"),))
     recording = pilotid.simulate(own, 3)
+    fade = np.interp(recording.time, [recording.time[0], -1.0], [start, 1.0])
+    recording = replace(recording, **{n: fade * s for n, s in recording.arrays.items()})
     fitted = fit_all(recording, MULTI, {"mle": method_named("mle")}, 1, "4/s^2")
     entry: Any = {**fitted.to_dict(), "scenario": fitted_scenario(fitted)}
     file = tmp_path / "estimates.json"
@@ -162,7 +167,7 @@ def test_the_reference_is_the_users_own_experiment(tmp_path: Path) -> None:
     assert sines_of(found).keys() == sines_of(own).keys()
     for name, sines in sines_of(found).items():
         time = np.arange(0.0, 10.0)
-        np.testing.assert_allclose(sines.at(time), sines_of(own)[name].at(time), atol=1e-6)
+        np.testing.assert_allclose(sines.at(time), sines_of(own)[name].at(time), atol=error)
     assert (found.runs, found.dt, found.run_in) == (2, 0.04, 8.0)
     assert found.element.name == "4/s^2"
     assert dict(found.units)["x"] == "m"

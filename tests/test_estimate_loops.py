@@ -67,6 +67,8 @@ def test_a_pilot_of_the_target_alone_has_no_disturbance_loop() -> None:
     target, disturbance = margin_slopes(model, model.start, element_named("2"), 3.0)
     assert np.isfinite(target).all()
     assert np.isnan(disturbance).all()
+    own = estimate_at(model, model.start, np.eye(5)).loops("2").target
+    assert own.remark.startswith("it acts on the target alone")
 
 
 def test_quantities_have_keys_units_and_the_margins_of_the_values() -> None:
@@ -109,6 +111,7 @@ def test_a_loop_whose_crossover_is_not_told_has_no_numbers() -> None:
     for what in ("crossover", "phase_margin", "effective_delay"):
         assert getattr(known, what).determined
         assert getattr(unknown, what).shown()[0] == "not determined"
+    assert unknown.crossover.lower == 0.0 < unknown.crossover.upper
 
 
 @pytest.mark.long

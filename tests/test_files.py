@@ -264,7 +264,7 @@ def test_kind_is_read(tmp_path: Path, write: Writer, runs: int, more: dict[str, 
 #: Name, file, and what the sentence must say.
 REFUSED: list[tuple[str, Writer, list[str]]] = [
     ("comments that name no columns", written(text("# pilot 3").replace("\n", "\n# t,e,u\n", 1)),
-     ["has no 't'", "only 0.0000, 2.4634"]),
+     ["has no header row, line 3 holds numbers"]),
     ("several missing", written(text("time,err,stick,phi")),
      ["'t'", "'e'", "'u'", "t=NAME,e=NAME,u=NAME"]),
     ("no time and no rate", written(text("e,u,x", columns={k: ONE[k] for k in "eux"})),
@@ -311,7 +311,7 @@ REFUSED_LINES: list[tuple[list[str], list[str]]] = [
     (replaced(1, "t,e,v,x"), ["no 'u' for u (control)", "t, e, v, x", "--map u="]),
     (replaced(1, "z,e,u,x"), ["no 't' for t (time)", "z, e, u, x", "--map t=", "--dt"]),
     (replaced(1, "t,e,u,u"), ["F.csv: u, u.1 may be u", "--map u=u"]),
-    (rows()[1:], ["has no 't'", "only 0.00"]),
+    (rows()[1:], ["has no header row, line 1 holds numbers", "above it, as in t,e,u,x"]),
     (["x," + rows()[0], *("1," + r for r in rows()[1:])], ["F.csv: x, x.1 may be x"]),
     (rows(199), ["lasts 9.95 s"]),
     ([HEADER, *(f"{n * 10},{n},{n},{n}" for n in range(99))], ["time in seconds"]),

@@ -69,9 +69,11 @@ def test_bounds_are_those_that_are_given() -> None:
     ("text", "words"),
     [
         ("fnx=3", "no model here has a parameter fnx"),
-        ("fnm=1,fnm=2", "no model here has a parameter fnm that is not held"),
+        ("fnm=9,fnm=12", "no model here has a parameter fnm that is not held"),
         ("fnm", "is not PARAMETER=NUMBER"),
         ("fnm=-1", "cannot be held at -1"),
+        ("fnm=100", "fnm cannot be held at 100; give a number from 2 to 40 rad/s"),
+        ("tdvis=250", "tdvis cannot be held at 250; give a number from 0 to 1 s"),
         ("fnm=nan", "cannot be held at nan"),
         ("fnm=14..10", "are no bounds"),
     ],

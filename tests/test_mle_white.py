@@ -142,6 +142,9 @@ def test_a_delay_driven_negative_is_an_outcome() -> None:
     bounded = identify(MLEWhite(), recording, GAIN_ONLY, np.random.default_rng(1))
     assert bounded.outcome is Outcome.AT_BOUND
     assert bounded.values[GAIN_ONLY.keys.index("tdvis")] == 0.0
+    near = MULTI.with_start({"tdvest": 1e-5})
+    lost = identify(MMLE3(), recording_of(NOMINAL), near, np.random.default_rng(1))
+    assert lost.sentence.startswith("failed: the information matrix is singular (tdvest ends near")
 
 
 @pytest.mark.parametrize("hold", ["zoh", "foh"])

@@ -27,7 +27,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("estimates", "summary", "models"):
         save_recording(RECORDING, tmp_path / "o" / f"{name}.csv")
     save_recording(RECORDING, tmp_path / "b.csv")
-    (tmp_path / "notes.txt").write_text("mine")
+    for name in ("notes.txt", "s.truth.json"):
+        (tmp_path / name).write_text("mine")
     (tmp_path / "link.json").symlink_to("s.csv")
     (tmp_path / "A").mkdir()
     finish(tmp_path / "A", 1).close()
@@ -52,6 +53,8 @@ def digests(folder: Path) -> dict[Path, str]:
         "fit s.csv --json link.json",
         "fit s.csv --json nowhere/a.json",
         "check s.csv --json s.json",
+        "fit s.csv --json s.csv",
+        "fit s.csv --json s.truth.json",
     ],
 )
 def test_what_must_stay_is_refused_before_work_begins(run: Run, place: Path, command: str) -> None:
@@ -59,6 +62,7 @@ def test_what_must_stay_is_refused_before_work_begins(run: Run, place: Path, com
     answer = run(*command.split())
     assert answer.status == 2
     assert len(answer.err.splitlines()) == 1
+    assert "; name a" in answer.err
     assert digests(place) == before
 
 
@@ -67,6 +71,7 @@ def test_results_are_written_again_and_other_files_are_not(run: Run, place: Path
         assert run(*FIT, "--json", "x.json").status == 0
         assert run("simulate", "single", "--out", "y.csv").status == 0
     assert "notes.txt: is there already" in run(*FIT, "--json", "notes.txt").err
+    assert "s.json: is read as the notes of s.csv" in run(*FIT, "--json", "s.json").err
     assert (place / "notes.txt").read_text() == "mine"
 
 

@@ -200,3 +200,6 @@ def test_simulations_of_a_fit_that_the_lines_contradict_cannot_be_believed(tmp_p
     doubtful = replace(found, specification=Specification(60.0, 1e-9, "fourier"))
     assert len(doubtful.sentences) == len(found.sentences) + 1
     assert "p = 1e-09" in doubtful.to_dict()["sentences"][0]
+    for p, count in ((0.02, 0), (0.001, 1)):  # of seven parameters
+        found.parameters["Kvis"]["coverage_p"] = p
+        assert sum("interval of Kvis covers" in sentence for sentence in found.sentences) == count

@@ -518,7 +518,8 @@ def load_estimate(
 ) -> Estimate:
     """The estimate that `save` or ``pilotid fit --json`` wrote.
 
-    It has no responses of a first step, and of the latter no draws.
+    Responses of a first step have the variances of their errors alone, in equal parts for real and
+    imaginary parts; covariances are NaN.  What ``pilotid fit`` wrote has no draws.
 
     Parameters
     ----------
@@ -581,9 +582,27 @@ def _estimate(entry: dict[str, Any], model: PilotModel) -> Estimate:
         seconds=_number(entry["seconds"]),
         starts=_part(Starts, entry["starts"]),
         remnant=_part(RemnantEstimate, entry.get("remnant")),
+        frequency_response=_responses(entry.get("frequency_response"), model),
         draws=_part(Draws, entry.get("draws")),
         band=_part(AnalysedBand, entry["band"]),
         specification=_part(Specification, entry["specification"]),
+    )
+
+
+def _responses(entry: dict[str, Any] | None, model: PilotModel) -> FrequencyResponse | None:
+    """The first step of a two-step method from its entry, None from nothing."""
+    if entry is None:
+        return None
+    channels = [entry[channel.name] for channel in model.channels]
+    parts = {name: np.array([c[name] for c in channels], dtype=float) for name in channels[0]}
+    covariance = np.diag(np.tile(0.5 * parts["std"].ravel() ** 2, 2))
+    covariance[~np.eye(len(covariance), dtype=bool)] = math.nan
+    return FrequencyResponse(
+        np.array(entry["omega"], dtype=float),
+        parts["real"] + 1j * parts["imag"],
+        covariance,
+        parts.get("systematic"),
+        entry.get("note", ""),
     )
 
 

@@ -333,6 +333,7 @@ def _loop(
     """A loop of the numbers that a quantity is made of, in the order of `UNITS`."""
     named = zip(UNITS.items(), numbers, strict=True)
     three = [quantity(f"{name}_{what}", unit, *given) for (what, unit), given in named]
+    three[0] = replace(three[0], lower=max(three[0].lower, 0.0))
     low, high = three[0].interval
     known = bool(low > 0.0 and not spans_decade(low, high))
     crossover, phase_margin, late = (replace(q, determined=known) for q in three)

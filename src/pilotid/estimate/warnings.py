@@ -323,7 +323,7 @@ def explained_of_forced(recording: Recording, estimate: Estimate) -> float | Non
     model = estimate.model
     if model.changes:
         return None
-    element = None if model.no_loop else closing_element(recording)
+    element = None if model.extra else closing_element(recording)
     lines = list(known_lines(recording).values())
     if not lines and (element is None or not is_stable(model, estimate.values, element)):
         return None

@@ -322,7 +322,7 @@ def weighting_of(
         the pilot varies in time or acts on an extra signal, so that the loop has no known
         frequency response.
     """
-    if model.no_loop:
+    if model.changes or model.extra:
         return None
     element = closing_element(recording)
     if element is None:

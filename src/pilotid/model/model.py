@@ -199,6 +199,8 @@ class PilotModel:
                 "the pilot changes during the recording, and the controlled element, by which "
                 "pilots change, most likely too: it has no one loop"
             )
+        if all(channel.on == "ft" for channel in self.channels):
+            return "it acts on the target alone, and closes no loop"
         seen = ", ".join(self.extra)
         return f"it acts on {seen}, and how the loop moves that is not known" if seen else ""
 
@@ -518,15 +520,15 @@ class PilotModel:
         Raises
         ------
         InputError
-            For a parameter that the model lacks, one that varies in time, or a value that it
-            cannot have.
+            For a parameter that the model lacks, one that varies in time, or a value outside its
+            bounds.
         """
         self._require(values)
         for key, value in values.items():
             known = self.parameters[self.index[key]]
-            least = 0.0 if known.positive or known.delay else -np.inf
-            if not np.isfinite(value) or value < least or (known.positive and value <= 0.0):
-                raise InputError(f"{key} cannot be held at {value:g}; give a number above 0")
+            if not known.lower <= value <= known.upper:
+                bounds = f"{known.lower:g} to {known.upper:g} {known.unit}".rstrip()
+                raise InputError(f"{key} cannot be held at {value:g}; give a number from {bounds}")
 
         def fixed(factor: AnyFactor) -> Sequence[AnyFactor]:
             constants = tuple(

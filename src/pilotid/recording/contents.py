@@ -114,6 +114,11 @@ def read_table(path: Path, source: str) -> Iterator[Variable]:
                 "complete or remove it, or separate cells by semicolons if decimals have commas"
             )
     header = [name.strip() for name in rows[0]]
+    if np.isfinite([number_of(name.replace(",", ".")) for name in header]).all():
+        raise InputError(
+            f"{source}: has no header row, line {places[0]} holds numbers; write the names of the "
+            "columns above it, as in t,e,u,x"
+        )
     units = _units(rows[1]) if len(rows) > 1 else []
     begin = 2 if units else 1
     columns = [column[begin:] for column in zip(*rows, strict=True)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import numpy as np
 from pilotid.recording import windows
 from pilotid.recording.contents import read_arrays, read_table
 from pilotid.recording.recording import SIGNALS, Recording, factor_of, joined, require_extra_name
-from pilotid.support.disk import path_shown, require_file, table_bytes, write_file
+from pilotid.support.disk import path_shown, require_file, require_suffix, table_bytes, write_file
 from pilotid.support.types import InputError
 
 READ = {
@@ -61,7 +61,11 @@ def load_recording(
     places, notes = _places_of(mapping or {}), read_sidecar(file)
     places = {name: (1.0, name) for name in notes.extra} | places
     stated = [interval for interval in (notes.dt, dt) if interval is not None]
-    variables = [*READ[_suffix(file, source, READ)](file, source)]
+    variables = [
+        *READ[require_suffix(file, source, READ, "convert it to a .csv or a .mat file")](
+            file, source
+        )
+    ]
     with np.errstate(all="ignore"):  # files may hold anything
         recording = recording_of(Content(source, variables, part, notes, places, stated))
     cut = periods and notes.run_in is None
@@ -105,7 +109,7 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     from pilotid.recording.roles import Sidecar, parsed
 
     source, file = path_shown(path), Path(path)
-    suffix = _suffix(file, source, (".csv", ".mat", ".npz"))
+    suffix = require_suffix(file, source, (".csv", ".mat", ".npz"), "name a file that does")
     known = {**recording.to_dict(), "extra": [*recording.extra]}
     notes = parsed(json.dumps({name: known[name] for name in Sidecar.model_fields}), source)
     signals = {name: recording.input(name).T for name in recording.signals}
@@ -126,13 +130,6 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     write_file(file, stream.getvalue())
     text = notes.model_dump_json(indent=2, exclude_defaults=True)
     write_file(windows.sidecar_path(file), f"{text}\n".encode())
-
-
-def _suffix(file: Path, source: str, known: Collection[str]) -> str:
-    suffix = file.suffix.lower()
-    if suffix not in known:
-        raise InputError(f"{source}: convert it to a .csv or a .mat file, or to {' '.join(known)}")
-    return suffix
 
 
 def read_with(files: Sequence[Path]) -> list[Path]:

@@ -115,8 +115,10 @@ class Trust:
         whose length is multiplied by ``factor``, see `length_factor`; ``bias``, the mean error on
         simulations, in the parameter's unit, and ``bias_claimed``, in claimed standard errors,
         each with its Monte Carlo error; ``coverage`` of the 95 % intervals on simulations, with
-        its own 95 % interval, ``coverage_95``.
+        its own 95 % interval, ``coverage_95``, and ``coverage_p``, the p-value of 95 %.
         """
+        from scipy.stats import binom
+
         (scenario,) = self.comparison.scenarios
         fits = self.comparison.cell(scenario, self.label)
         scores = self.comparison.scored(scenario, self.label).set_index("parameter")
@@ -127,6 +129,8 @@ class Trust:
             good = fits[fits.usable & (fits.parameter == q.key)]
             value, lower, upper = (good[name].to_numpy() for name in ("value", "low", "high"))
             factor = length_factor(value, lower, upper, row.truth)
+            hits = np.count_nonzero((lower <= row.truth) & (row.truth <= upper))
+            covering = binom(np.count_nonzero(~np.isnan(lower)), COVERED)
             low = q.value - factor * (q.value - q.lower)
             high = q.value + factor * (q.upper - q.value)
             if math.isfinite(factor):  # no end lies outside the bounds of the search
@@ -141,18 +145,22 @@ class Trust:
                 "bias_claimed": (row.mean_z, row.mean_z_se),
                 "coverage": row.coverage_95,
                 "coverage_95": (row.coverage_lower, row.coverage_upper),
+                "coverage_p": min(1.0, 2.0 * min(covering.cdf(hits), covering.sf(hits - 1))),
                 "factor": factor,
             }
         return known
 
     @property
     def sentences(self) -> list[str]:
-        """What makes the simulations worthless, and each parameter whose coverage is off."""
+        """What makes the simulations worthless, and each parameter whose coverage is off.
+
+        It is off where its p-value is below .05 for all parameters together (Bonferroni).
+        """
         tested = self.specification
         sentences = [
             _advice(self.label, p)
             for p in self.parameters.values()
-            if not p["coverage_95"][0] <= COVERED <= p["coverage_95"][1]
+            if p["coverage_p"] * len(self.parameters) < 1.0 - COVERED
         ]
         if tested is None or tested.agrees:
             return sentences

@@ -8,7 +8,7 @@ import json
 import math
 import os
 import stat
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,6 +45,14 @@ def require_file(path: Path) -> None:
         why = str(getattr(error, "strerror", None) or error)
     if why:
         raise InputError(f"{source}: cannot be read ({why}); check name, folder and rights")
+
+
+def require_suffix(path: Path, source: str, known: Collection[str], cure: str) -> str:
+    """The suffix of a file in small letters; refused where it is none of those known."""
+    suffix = path.suffix.lower()
+    if suffix not in known:
+        raise InputError(f"{source}: does not end in {' '.join(known)}; {cure}")
+    return suffix
 
 
 def write_file(path: Path, content: bytes) -> None:
