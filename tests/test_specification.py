@@ -35,12 +35,10 @@ def test_a_model_that_lacks_a_channel_disagrees(method: str) -> None:
     assert estimate.specification.p_value < ESTIMATE.surely_misspecified
     (remark,) = (r for r in estimate.remarks if getattr(r, "code", "") == "misspecified")
     assert remark.grade == "wrong"
-    assert estimate.to_dict()["specification"] == {
-        "statistic": estimate.specification.statistic,
-        "p_value": estimate.specification.p_value,
-        "against": "fourier",
-        "agrees": False,
-    }
+    numbers = {key: getattr(estimate.specification, key) for key in ("statistic", "p_value")}
+    told = estimate.to_dict()["specification"]
+    assert np.isnan(told.pop("moved"))
+    assert told == {**numbers, "against": "fourier", "agrees": False}
 
 
 def test_without_a_line_that_a_recorder_left_there_is_no_test() -> None:
@@ -119,6 +117,8 @@ def test_the_first_recording_of_nominal_is_no_accident_of_one_in_14000() -> None
 
 def test_the_level() -> None:
     assert Specification(1.0, ESTIMATE.misspecified, "fourier").agrees
+    for moved, grade in ((np.nan, "wrong"), (3.1, "wrong"), (2.0, "doubt"), (0.9, "note")):
+        assert [r.grade for r in Specification(60.0, 1e-9, "fourier", moved).remarks] == [grade]
     assert not Specification(1.0, 0.9 * ESTIMATE.misspecified, "fourier").agrees
     for words, p in (("no significant", 0.06), ("not clearly", 0.004), ("contradicts", 0.0001)):
         assert words in Specification(1.0, p, "f").sentence

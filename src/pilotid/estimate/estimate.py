@@ -6,7 +6,7 @@ import enum
 import json
 import math
 import os
-from dataclasses import asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -616,6 +616,8 @@ def _part(kind: type[T], entry: dict[str, Any] | None) -> T | None:
         return None
     values: dict[str, Any] = {}
     for field in fields(kind):  # type: ignore[arg-type]
+        if field.name not in entry and field.default is not MISSING:
+            continue  # of a file that is older than the field
         value, form = entry[field.name], str(field.type)
         if "Array" in form:
             value = np.array(value, dtype=bool if "Bool" in form else float)

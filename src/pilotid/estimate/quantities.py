@@ -540,11 +540,15 @@ class Specification:
         The test, and how probable one as large is if the estimate is right.
     against
         The method whose equations it is held against.
+    moved
+        By how many of its errors the equations alone would move a parameter at the most; NaN where
+        that is not known.
     """
 
     statistic: float
     p_value: float
     against: str
+    moved: float = math.nan
 
     @property
     def agrees(self) -> bool:
@@ -566,7 +570,8 @@ class Specification:
         """What to say of an estimate that disagrees."""
         if self.agrees:
             return ()
-        grade: Grade = "wrong" if self.p_value < ESTIMATE.surely_misspecified else "doubt"
+        sure = self.p_value < ESTIMATE.surely_misspecified and not self.moved < ESTIMATE.moved
+        grade: Grade = "note" if self.moved < 1.0 else "wrong" if sure else "doubt"
         sentence = (
             f"the estimate contradicts the forcing functions (p = {self.p_value:.1g}): the model "
             f"or the recording is not as the method assumes; fit with {self.against} as well, and "

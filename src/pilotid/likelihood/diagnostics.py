@@ -174,7 +174,9 @@ def specification_by_instruments(
     rows = moments.rows(values[None])[0]
     jacobian, score = rows[:-1].T, rows[-1]
     shares, along = np.linalg.eigh(np.eye(score.size) - jacobian @ covariance @ jacobian.T)
-    return score_test(along.T @ score, shares, ESTIMATE.least_by_instruments, against)
+    tested = score_test(along.T @ score, shares, ESTIMATE.least_by_instruments, against)
+    moved = np.abs(np.linalg.lstsq(jacobian, score)[0]) / np.sqrt(np.diag(covariance))
+    return tested and replace(tested, moved=float(moved.max()))
 
 
 # ---------------------------------------------------------------------- tests of prediction errors
@@ -255,7 +257,7 @@ def with_verdict(
         tested = specification(optimum, recording, covariance, against)
     said = tested.remarks if tested else ()
     if recording.ft is None or recording.fd is None:  # scores scatter more (5 of 300 sound fits)
-        said = tuple(Remark(remark.code, remark, "doubt") for remark in said)
+        said = tuple(Remark(r.code, r, "doubt") if r.grade == "wrong" else r for r in said)
     return replace(
         estimate,
         specification=tested,

@@ -109,6 +109,7 @@ class EstimateLimits(NamedTuple):
     of_sample: float = 0.01  # error of a delay [samples] that a jump of the target forbids
     other_optimum: float = 3.0  # standard errors by which another optimum differs
     surely_misspecified: float = 1e-4  # p-value: wrong (2 of 800 sound fits)
+    moved: float = 3.0  # errors, by which the forcing functions then move a parameter (sound: 2.3)
     #: s of all runs together from which it is tested; covariances are not good enough of less
     #: (30 s: 12 % of 120 sound fits disagreed; populations of 60 s and more: 2 of 480).
     tested_from: float = 60.0
