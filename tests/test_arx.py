@@ -14,8 +14,6 @@ from helpers import (
     fit_of,
     monte_carlo,
     part_of,
-    population_fits,
-    population_scores,
     recording_of,
     running_away,
     without_remnant,
@@ -59,17 +57,6 @@ def test_bias_and_coverage(name: str) -> None:
         assert abs(bias) < allowed + 3.0 * error, key
         covered = np.mean((intervals[:, 0] <= truth) & (truth <= intervals[:, 1]))
         assert covered >= (0.75 if loose else 0.85), key
-
-
-@pytest.mark.long
-def test_holds_on_pilots_drawn_at_random_or_says_that_it_does_not() -> None:
-    fits = population_fits(ARX(), "population-usual", 20)
-    covered, errors = population_scores(fits)
-    assert len(errors) >= 10 * 5
-    assert covered > 0.85
-    assert np.max(np.abs(errors)) < 8.0
-    allowed = {Outcome.CONVERGED, Outcome.AT_BOUND, Outcome.CONTRADICTED, Outcome.NOT_APPLICABLE}
-    assert sum(e.outcome not in allowed for _, e in fits) <= 3
 
 
 #: What follows a target moves a cursor at once, which ARX refuses; of the others the pilots here

@@ -88,20 +88,18 @@ def test_what_is_committed_is_there_without_closing(tmp_path: Path) -> None:
     store.close()
 
 
-def test_a_store_of_another_format_is_refused(tmp_path: Path) -> None:
+def test_a_store_of_another_format_or_command_is_refused(tmp_path: Path) -> None:
     filled(tmp_path).close()
     with closing(sqlite3.connect(tmp_path / STORE)) as base:
         base.execute(f"PRAGMA user_version = {Store.format + 1}")
     for create in (False, True):
         with pytest.raises(InputError, match="another version"):
             Store(tmp_path, create=create)
-
-
-def test_the_store_of_an_analysis_is_none_of_a_study(tmp_path: Path) -> None:
-    Rows(tmp_path, create=True).close()
+    (other := tmp_path / "other").mkdir()
+    Rows(other, create=True).close()
     for create in (False, True):
         with pytest.raises(InputError, match="of another command"):
-            Store(tmp_path, create=create)
+            Store(other, create=create)
 
 
 def test_files_that_are_no_store_are_refused_in_a_sentence(tmp_path: Path) -> None:

@@ -48,15 +48,15 @@ class ElementChoice:
         Why none is known, or what speaks against it, in a sentence; empty if nothing does.
     remarks
         Where what is said of it and what signals show disagree, a sentence each.
-    is_poor
-        Whether x is hardly its answer, and that of none of low order.
+    left
+        Share of the amplitude of x that it does not explain, the median over bands of frequency.
     """
 
     element: ControlledElement | None = None
     origin: str = ""
     why: str = ""
     remarks: tuple[Remark, ...] = ()
-    is_poor: bool = False
+    left: float = 0.0
 
     def named_in(self, recording: Recording) -> Recording:
         """The recording, naming the element that was given, for methods that need the loop."""
@@ -90,7 +90,8 @@ def identified_element(recording: Recording) -> ElementChoice:
     error = float(chosen.error_at(OMEGA).max())
     element = element_named(chosen.form.name(rounded(chosen.values, chosen.covariance)))
     why = _against(element, chosen.explained, error, float(chosen.values[-1]))
-    return ElementChoice(element, SIGNALS, why, is_poor=chosen.explained < ELEMENT.sound)
+    left = math.sqrt(float(np.median(chosen.unexplained)))
+    return ElementChoice(element, SIGNALS, why, left=left)
 
 
 def _is_steerable(fit: FormFit) -> bool:
@@ -130,8 +131,8 @@ def _against(element: ControlledElement, explained: float, error: float, delay: 
     if explained < ELEMENT.sound:
         return (
             "control and output follow no one controlled element: the best of low order explains "
-            f"{explained:.0f} % of x; it may change within a run, a disturbance may be missing, a "
-            "signal late, or a name, a unit or a sign wrong"
+            f"{explained:.0f} % of x; it may change within a run, a disturbance may be missing, or "
+            "a name or a sign may be wrong"
         )
     if delay < -ELEMENT.late:
         return (
@@ -168,7 +169,15 @@ def unexplained(recording: Recording) -> Remark | None:
     if recording.fd is None or confirmed_element(recording):
         return None
     choice = identified_element(recording)
-    return Remark("output-unrelated", choice.why, "doubt") if choice.is_poor else None
+    if choice.element is None or choice.left <= ELEMENT.unexplained:
+        return None
+    words = (
+        f"x is the answer to u + fd by no controlled element of low order: {choice.element.name} "
+        f"leaves {100.0 * choice.left:.0f} % of it at half of the frequencies; it may change "
+        "within a run, a disturbance may be missing, a signal late, or a name, a unit or a sign "
+        "wrong"
+    )
+    return Remark("output-unrelated", words, "doubt")
 
 
 def chosen_element(recording: Recording, given: GivenElement = None) -> ElementChoice:

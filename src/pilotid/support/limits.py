@@ -88,6 +88,7 @@ class ElementLimits(NamedTuple):
     #: loops cross over, for loops to be drawn with it unasked.
     sound: float = 98.0
     known: float = 0.1
+    unexplained: float = 0.1  # of x's amplitude, left at half of the frequencies (.06; faults .12)
     slowest_zero: float = 0.5  # rad/s, of the right half-plane beside which people cross over
     fastest_pole: float = 8.0  # rad/s, of an element that people stabilise (Jex 1966: 6)
     sensitivity: float = 4.0  # largest, of a loop that people close
