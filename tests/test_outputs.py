@@ -71,7 +71,7 @@ def test_results_are_written_again_and_other_files_are_not(run: Run, place: Path
         assert run(*FIT, "--json", "x.json").status == 0
         assert run("simulate", "single", "--out", "y.csv").status == 0
     assert "notes.txt: is there already" in run(*FIT, "--json", "notes.txt").err
-    assert "s.json: is read as the notes of s.csv" in run(*FIT, "--json", "s.json").err
+    assert "s.json: is read, or read as notes" in run(*FIT, "--json", "s.json").err
     assert (place / "notes.txt").read_text() == "mine"
 
 

@@ -27,13 +27,7 @@ from pilotid.model.model import PilotModel
 from pilotid.recording.files import Reading, read_with, save_recording
 from pilotid.recording.recording import Recording
 from pilotid.recording.windows import sidecar_path, stem_of
-from pilotid.support.disk import (
-    require_folder,
-    require_free,
-    require_suffix,
-    strict_json,
-    write_file,
-)
+from pilotid.support.disk import require_folder, require_free, strict_json, write_file
 from pilotid.support.format import Line, make_console, show, show_warning, with_bar
 from pilotid.support.naming import labelled
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng, recording_rng
@@ -145,8 +139,6 @@ def fit(
     """Identify a pilot model from recordings."""
     named, methods = options.model_of(model, fix), options.methods_of(method, ["mle"])
     options.require_free(files, json, report)
-    if report is not None:
-        require_suffix(report, str(report), (".html",), "a report is an .html file")
     read, refused = reading.all(files, joint=joint)
     fits: list[Fitted] = []
     for recording in with_bar(read.values(), "fitting", len(read)):

@@ -17,7 +17,6 @@ from pilotid.methods import METHODS, label_of, method_named
 from pilotid.model.catalogue import AUTO, model_named, with_held
 from pilotid.model.model import PilotModel
 from pilotid.recording.files import read_with
-from pilotid.recording.windows import file_of, sidecar_path
 from pilotid.support import disk
 from pilotid.support.disk import strict_json, write_file
 from pilotid.support.naming import split_list
@@ -164,14 +163,12 @@ def model_of(text: str, fix: str | None) -> PilotModel | None:
     return None if text == AUTO else with_held([model_named(text)], fix)[0]
 
 
-def require_free(inputs: Sequence[Path], *targets: str | Path | None) -> None:
+def require_free(inputs: Sequence[Path], json: str | None, report: Path | None = None) -> None:
     """Refuse, before any work is done, files to write that must stay as they are."""
-    named = [Path(t) for t in targets if t is not None and t != "-"]
-    notes = {sidecar_path(file_of(file)).resolve(): file for file in inputs}
-    for target in named:
-        if file := notes.get(target.resolve()):
-            raise InputError(f"{target}: is read as the notes of {file}; name another file")
+    named = [Path(t) for t in (json, report) if t is not None and t != "-"]
     disk.require_free(named, read_with(inputs))
+    if report:
+        disk.require_suffix(report, str(report), (".html",), "a report is an .html file")
 
 
 def raise_refused(refused: Sequence[str]) -> None:

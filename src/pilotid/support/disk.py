@@ -158,7 +158,7 @@ def require_free(
     for target in targets:
         place = target.resolve()
         if place in taken:
-            raise InputError(f"{target}: is read or written already; name another file")
+            raise InputError(f"{target}: is read, or read as notes, or written; name another file")
         taken.add(place)
         if target.is_dir() or not (target.exists() or os.access(target.parent, os.W_OK | os.X_OK)):
             raise InputError(f"{target}: cannot be written; name a file in a folder that is there")
