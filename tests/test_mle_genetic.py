@@ -56,4 +56,5 @@ def test_evolution_finds_the_lowest_of_many_optima(seed: int) -> None:
     assert near.converged[0]
     assert near.cost[0] > 50.0
     end = MLEGenetic().search(gram, TONE, np.random.default_rng(seed))
-    np.testing.assert_allclose(end.values[0], [0.7, 0.6], rtol=1e-6)
+    np.testing.assert_allclose(end.values, [[0.7, 0.6]], rtol=1e-6)
+    assert end.values.shape == (1, 2)

@@ -153,15 +153,15 @@ def _against(element: ControlledElement, explained: float, error: float, delay: 
     return ""
 
 
+@remembered
 def confirmed_element(recording: Recording) -> ControlledElement | None:
     """The element that the file names, where its signals follow it closely; else None."""
     named = parsed_element(recording.controlled_element)
     if named is None:
         return None
     with np.errstate(all="ignore"):  # signals that do not move, which tell nothing
-        return (
-            named if spectra_of(recording).unexplained(named) <= 0.5 * ELEMENT.different else None
-        )
+        left = spectra_of(recording).unexplained(named)
+    return named if left <= 0.5 * ELEMENT.different else None
 
 
 def unexplained(recording: Recording) -> Remark | None:

@@ -381,8 +381,7 @@ def _held(recording: Recording) -> Remark | None:
 
 def _answered_at_once(recording: Recording, model: PilotModel) -> Remark | None:
     """A word on position control, see docs/measurements.md for what it does to intervals."""
-    outside = all(channel.on == "ft" for channel in model.channels)  # of any loop
-    if outside or not is_gain(recording):
+    if model.is_open or not is_gain(recording):
         return None
     return Remark(
         "gain-element",

@@ -192,6 +192,11 @@ class PilotModel:
         return any(c.changing is not None for c in self.channels)
 
     @cached_property
+    def is_open(self) -> bool:
+        """Whether it acts on the target alone, outside of any loop."""
+        return all(channel.on == "ft" for channel in self.channels)
+
+    @cached_property
     def no_loop(self) -> str:
         """Why the loop that it closes has no known responses; empty where these are known."""
         if self.changes:
@@ -199,7 +204,7 @@ class PilotModel:
                 "the pilot changes during the recording, and the controlled element, by which "
                 "pilots change, most likely too: it has no one loop"
             )
-        if all(channel.on == "ft" for channel in self.channels):
+        if self.is_open:
             return "it acts on the target alone, and closes no loop"
         seen = ", ".join(self.extra)
         return f"it acts on {seen}, and how the loop moves that is not known" if seen else ""

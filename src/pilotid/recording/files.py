@@ -61,11 +61,8 @@ def load_recording(
     places, notes = _places_of(mapping or {}), read_sidecar(file)
     places = {name: (1.0, name) for name in notes.extra} | places
     stated = [interval for interval in (notes.dt, dt) if interval is not None]
-    variables = [
-        *READ[require_suffix(file, source, READ, "convert it to a .csv or a .mat file")](
-            file, source
-        )
-    ]
+    suffix = require_suffix(file, source, READ, "convert it to a .csv or a .mat file")
+    variables = [*READ[suffix](file, source)]
     with np.errstate(all="ignore"):  # files may hold anything
         recording = recording_of(Content(source, variables, part, notes, places, stated))
     cut = periods and notes.run_in is None
