@@ -298,9 +298,9 @@ def exchanged(recording: Recording) -> Remark | None:
 
     Where there are none, the output answers to u and fd with one sign and high coherence.
     """
-    named = plant_of(recording)
+    named, other = plant_of(recording), replace(recording, x=recording.e, e=recording.x)
     if recording.fd is not None and named and named.polarity < 0.0:
-        swapped = plant_of(replace(recording, x=recording.e, e=recording.x))
+        swapped = plant_of(other)
         least = named.mean_coherence + SIGNAL.more_coherent
         if swapped and swapped.polarity > 0.0 and swapped.mean_coherence > least:
             return Remark("exchanged", f"not x but e answers to u; {_exchange(recording)}", "wrong")
@@ -320,8 +320,7 @@ def exchanged(recording: Recording) -> Remark | None:
     # People who see a target ahead follow its fast lines, but x still answers to u: with coherence
     # at all frequencies, or at the target's lines if a disturbance may not be recorded.
     what = "polarity" if recording.fd is None else "mean_coherence"
-    plants = [plant_of(replace(recording, x=x, e=recording.x)) for x in (recording.x, recording.e)]
-    as_named, turned = (getattr(plant, what, 0.0) for plant in plants)
+    as_named, turned = (getattr(plant, what, 0.0) for plant in (named, plant_of(other)))
     if not turned >= as_named:  # nor where one is no number
         return None
     return Remark(
