@@ -160,12 +160,12 @@ def test_what_is_as_likely_beside_another_remnant_is_in_the_intervals_and_nothin
         assert len(other.competing) == told
         low, high = with_profile(estimate, other, profile).intervals.T
         assert ((low <= far) & (far <= high)).all() == told
-    start = maximise_likelihood(
-        recording_of(NOMINAL, 1), NOMINAL.model, np.random.default_rng(1), MLE()
-    )
-    rival, there = profile_likelihood(start)
+    other = recording_of(NOMINAL, 1)
+    rival = maximise_likelihood(other, NOMINAL.model, np.random.default_rng(1), MLE())
     both = with_profile(estimate, replace(optimum, rivals=[rival]), profile).intervals
-    every = np.stack([estimate.intervals, there.intervals])
+    ratio = np.sqrt(np.diag(rival.covariance) / np.diag(optimum.covariance))[:, None]
+    there = rival.pilot[:, None] + ratio * (estimate.intervals - optimum.pilot[:, None])
+    every = np.stack([estimate.intervals, there])
     np.testing.assert_allclose(both, np.stack([every.min(axis=(0, 2)), every.max(axis=(0, 2))], 1))
 
 

@@ -76,8 +76,7 @@ def with_profile(estimate: Estimate, optimum: Optimum, profile: Profile) -> Esti
     sought, covariance = deviances(optimum), estimate.covariance
     intervals = over_systems(optimum, profile.intervals)
     # With another model of the remnant, too, a pilot may be as likely.
-    beside = [profile_about(rival.refined()) for rival in optimum.rivals]
-    ends = (end for profile in beside if profile for end in profile.intervals.T)
+    ends = (end for rival in optimum.rivals for end in _ends_beside(rival, optimum, intervals))
     intervals = _holding(intervals, [*ends, *optimum.competing])
     # The length of an interval tells the scatter of skewed estimates; the likelihood's
     # curvature at its maximum, from which the covariance is, only the middle of it.
@@ -92,6 +91,20 @@ def with_profile(estimate: Estimate, optimum: Optimum, profile: Profile) -> Esti
         information, at_bound, errors_from(estimate.values, profile.intervals, estimate.model)
     )
     return estimate if inside is None else replace(estimate, covariance=inside)
+
+
+def _ends_beside(rival: Optimum, optimum: Optimum, intervals: FloatArray) -> FloatArray:
+    """Ends of intervals about a rival, shape (2, parameters).
+
+    They are as far from it as those about the optimum, times the ratio of standard errors.  A
+    profile of its own takes a sixth of a fit and tells little more (coverage of 180 hard remnants
+    .953 in place of .951).
+    """
+    own, its, model = optimum.covariance, rival.covariance, optimum.joint.prediction.model
+    if own is None or its is None:
+        return intervals.T
+    ratio = np.sqrt(np.diag(its) / np.diag(own))
+    return np.clip(rival.pilot + ratio * (intervals.T - optimum.pilot), model.lower, model.upper)
 
 
 def profile_about(optimum: Optimum) -> Profile | None:
