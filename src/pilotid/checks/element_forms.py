@@ -13,7 +13,7 @@ import numpy as np
 
 from pilotid.model.element import ControlledElement
 from pilotid.recording.recording import Recording, remembered
-from pilotid.solve.least_squares import Box, minimise
+from pilotid.solve.least_squares import Box, minimise, solve_linear
 from pilotid.support.types import ComplexArray, FloatArray, IntArray
 
 
@@ -46,19 +46,16 @@ class Form(NamedTuple):
 
     def name(self, values: FloatArray) -> str:
         """Its text with numbers, which `element_named` reads; the delay is not negative."""
-        top, bottom = (_written(polynomial.tolist()) for polynomial in self.polynomials(values))
+        top, bottom = (_written(polynomial) for polynomial in self.polynomials(values))
         late = f"exp(-{values[-1]:.6g}s)" if values[-1] else ""
         return f"{top}{late}/{bottom}".removesuffix("/1")
 
 
-def _written(polynomial: list[float]) -> str:
+def _written(polynomial: FloatArray) -> str:
     """A polynomial as users write it, in brackets if it is a sum."""
-    terms = []
-    for power, value in zip(reversed(range(len(polynomial))), polynomial, strict=True):
-        number = "+" if power and value == 1.0 else f"{value:+.6g}"
-        if value:
-            terms.append(number + ("", "s", "s^2", "s^3")[power])
-    text = "".join(terms).removeprefix("+")
+    powers = ("s^3", "s^2", "s", "")[-len(polynomial) :]
+    terms = [f"{value:+.6g}{s}" for value, s in zip(polynomial, powers, strict=True) if value]
+    text = "".join(terms).replace("+1s", "+s").removeprefix("+")
     return f"({text})" if len(terms) > 1 else text
 
 
@@ -84,25 +81,19 @@ INDEPENDENT = BIN_STEP * (35.0 / 128.0) ** 2 / (6435.0 / 32768.0)
 
 @dataclass(frozen=True, eq=False)
 class Spectra:
-    """Windowed spectra of an input v and an output x of unit size; runs and bins in one row.
+    """Windowed spectra of an input v and an output x; runs and bins in one row.
 
     As no end of a run shows in the window, the spectrum of a derivative in it is the sum of the
     spectrum times powers of j omega over neighbouring bins, and a delay turns each of them.
 
     Attributes
     ----------
-    gain
-        Size of x over that of v, as recorded.
-    neighbours
-        Frequencies of the bins that are summed, less that of the bin [rad/s], shape (5,).
-    omega
-        Frequencies [rad/s], shape (n,).
     powers
-        Powers of j omega, shape (`HIGHEST` + 1, n).
+        Powers of j omega, at the bins that are summed, shape (`HIGHEST` + 2, 5, n).
     given
-        Of the derivatives of v, as summands, shape (`HIGHEST` + 1, 5, n).
+        Of the derivatives of v, as summands, of the same shape.
     output
-        Of the derivatives of x, shape (`HIGHEST` + 1, n).
+        Of the derivatives of x, shape (`HIGHEST` + 2, n).
     fine
         The band of every observation, even in the logarithm of frequency, shape (n,).
     wide
@@ -111,9 +102,6 @@ class Spectra:
         Mean power of the output in each fine band.
     """
 
-    gain: float
-    neighbours: FloatArray
-    omega: FloatArray
     powers: ComplexArray
     given: ComplexArray
     output: ComplexArray
@@ -123,14 +111,9 @@ class Spectra:
 
     def inputs(self, count: int, delay: float) -> ComplexArray:
         """The first derivatives of v(t - delay), shape (count, n)."""
-        turn = np.exp(-1j * delay * self.neighbours)[:, None]
-        turned = np.sum(turn * self.given[:count], axis=1)
-        return np.asarray(turned * np.exp(-1j * delay * self.omega))
-
-    def residual(self, top: FloatArray, bottom: FloatArray, delay: float) -> ComplexArray:
-        """What an element leaves of the output, shape (n,)."""
-        left = bottom[::-1] @ self.output[: len(bottom)] - top[::-1] @ self.inputs(len(top), delay)
-        return np.asarray(left / (bottom[::-1] @ self.powers[: len(bottom)]))
+        s = self.powers[1]
+        turned = np.exp(-delay * s[:, 0]) @ self.given[:count]  # each as the first observation
+        return np.asarray(turned * np.exp(-delay * (s[2] - s[2, 0])))
 
     def rows(self, form: Form, values: FloatArray, divisor: float = 1.0) -> ComplexArray:
         """Slopes of the output by a form's values, and below what is left, shape (size + 1, n).
@@ -139,10 +122,10 @@ class Spectra:
         """
         top, bottom = form.polynomials(values)
         poles = slice(form.integrators, form.integrators + form.free)
-        below = bottom[::-1] @ self.powers[: len(bottom)]
-        inputs = self.inputs(len(top) + 1, values[-1])
+        powers, inputs = self.powers[: len(bottom), 2], self.inputs(len(top) + 1, values[-1])
+        below = bottom[::-1] @ powers
         left = bottom[::-1] @ self.output[: len(bottom)] - top[::-1] @ inputs[:-1]
-        by_pole = divisor * left / below * self.powers[poles] - self.output[poles]
+        by_pole = divisor * left / below * powers[poles] - self.output[poles]
         by_delay = -top[::-1] @ inputs[1:]
         return np.array([*inputs[-2::-1], *by_pole[::-1], by_delay, left]) / below
 
@@ -151,19 +134,17 @@ class Spectra:
 
         It is infinite for an element of a higher order than the window allows.
         """
-        top, bottom = np.array(element.numerator) / self.gain, np.array(element.denominator)
-        if len(bottom) > len(self.output):
+        zeros, poles = len(element.numerator) - 1, len(element.denominator) - 1
+        if poles > HIGHEST:
             return math.inf
-        left = power(self.residual(top, bottom, element.delay), self.fine)
-        return math.sqrt(float((left / self.size).max()))
+        leading, *others = element.denominator
+        values = np.array([*element.numerator, *others, leading * element.delay]) / leading
+        left = self.rows(Form(0, poles, zeros), values)[-1]
+        return math.sqrt(float((power(left, self.fine) / self.size).max()))
 
     def level(self, left: ComplexArray, exact: FloatArray | float = UNNOTICED**2) -> FloatArray:
         """Variance of the noise at each observation, with a share of power that counts as exact."""
         return np.asarray(power(left, self.wide)[self.wide] + (exact * self.size)[self.fine])
-
-    def mean_log(self, level: FloatArray) -> float:
-        """Mean logarithm of levels of noise in shares of the output."""
-        return float(np.mean(np.log(level / self.size[self.fine])))
 
 
 def power(signal: ComplexArray, band: IntArray) -> FloatArray:
@@ -207,17 +188,6 @@ class FormFit:
         return np.asarray(np.sqrt(np.abs(variance)))
 
 
-def _start(spectra: Spectra, form: Form, delay: float) -> FloatArray:
-    """By three steps of linear least squares, the equation divided by the last denominator."""
-    poles = np.atleast_1d(np.poly([-3.0] * form.free))[1:]
-    values = np.array([*np.zeros(1 + form.zeros), *poles, delay])
-    for _ in range(3 if form.free else 1):
-        rows = spectra.rows(form, values, 0.0) / np.sqrt(spectra.size)[spectra.fine]
-        *table, goal = np.delete(rows, -2, axis=0).view(float)
-        values[:-1] += np.linalg.lstsq(np.transpose(table), goal)[0]
-    return values
-
-
 def fitted_form(spectra: Spectra, form: Form) -> FormFit:
     """The most likely parameters of a form.
 
@@ -229,83 +199,64 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
     LinAlgError
         If the form's numbers are beyond measure: it is no form for the recording.
     """
-    observations = spectra.omega.size
 
-    def cost(values: FloatArray) -> float:
-        left = spectra.residual(*form.polynomials(values), values[-1])
-        return spectra.mean_log(spectra.level(left))
-
-    def gram(sets: FloatArray) -> FloatArray:
+    def gram(sets: FloatArray, divisor: float = 1.0) -> FloatArray:
         grams = np.empty((len(sets), form.size + 1, form.size + 1))
         for values, products in zip(sets, grams, strict=True):
-            rows = spectra.rows(form, values)
-            level = spectra.level(rows[-1])
+            rows = spectra.rows(form, values, divisor)
+            level = spectra.level(rows[-1]) if divisor else spectra.size[spectra.fine]
             table = (rows / np.sqrt(level)).view(float)
             products[:] = table @ table.T
-            products[-1, -1] = observations  # the squares that levels at their best leave
-            products *= math.exp(spectra.mean_log(level))
+            products[-1, -1] = level.size  # the squares that levels at their best leave
+            products *= math.exp(np.mean(np.log(level)))
         return grams
 
+    limits = np.full((2, form.size), [[-np.inf], [np.inf]])
+    limits[:, -1] = -0.3, 0.6  # s, as u may be late
+    space = Box(*limits, np.zeros(form.size, dtype=bool))
     delays = (-0.2, -0.1, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s
-    start = min((_start(spectra, form, delay) for delay in delays), key=cost)
-    lower, upper = np.full((2, form.size), [[-np.inf], [np.inf]])
-    lower[-1], upper[-1] = -0.3, 0.6  # s, as u may be late
-    tolerance = 0.03 / (2.0 * INDEPENDENT * observations)  # .03 of -2 log-likelihood
-    space = Box(lower, upper, np.zeros(form.size, dtype=bool))
-    ends = minimise(gram, start[None], space, tolerance=tolerance, iterations=25)
-    values = ends.values[0]
+    poles = np.atleast_1d(np.poly([-3.0] * form.free))[1:]
+    starts = np.array([[*np.zeros(1 + form.zeros), *poles, delay] for delay in delays])
+    for _ in range(3 if form.free else 1):  # the equation divided by the last denominator
+        starts, _ = solve_linear(gram(starts, 0.0), starts, tuple(range(form.size - 1)), limits[0])
+    count = INDEPENDENT * np.bincount(spectra.fine)  # independent observations in each band
+    best = minimise(gram, starts, space, iterations=1).only([0])
+    tolerance = 0.03 / (2.0 * count.sum())  # .03 of -2 log-likelihood
+    best = minimise(gram, best, space, tolerance=tolerance, iterations=25)
+    values = best.values[0]
     *slopes, left = spectra.rows(form, values)
     unexplained = power(left, spectra.fine) / spectra.size
-    count = INDEPENDENT * np.bincount(spectra.fine)  # independent observations in each band
     # What counts as exact is no noise that averages out over a band: its error is one.  Noise in v,
     # such as fast remnant that sampling folds down, makes the response smaller by the share left.
     exact = UNNOTICED**2 + np.where(unexplained > 0.05, unexplained, 0.0) ** 2
     table = (slopes / np.sqrt(spectra.level(left, exact * count))).view(float)
     covariance = np.linalg.inv(table @ table.T) / (2.0 * INDEPENDENT)
-    criterion = 2.0 * INDEPENDENT * observations * cost(values)
-    criterion += form.size * math.log(2.0 * count.sum())
+    criterion = 2.0 * count.sum() * math.log(best.cost[0]) + form.size * math.log(2.0 * count.sum())
     if not (np.isfinite([criterion, *values]).all() and (np.diag(covariance) > 0.0).all()):
         raise np.linalg.LinAlgError
-    unit = np.where(np.arange(form.size) <= form.zeros, spectra.gain, 1.0)
-    mean_left = float(np.average(unexplained, weights=count * spectra.size))
-    explained = 100.0 * max(0.0, 1.0 - mean_left)
-    covariance *= np.outer(unit, unit)
-    return FormFit(form, values * unit, covariance, criterion, unexplained, explained)
+    explained = 100.0 * max(0.0, 1.0 - float(np.average(unexplained, weights=count * spectra.size)))
+    return FormFit(form, values, covariance, criterion, unexplained, explained)
 
 
 @remembered
 def spectra_of(recording: Recording) -> Spectra:
     """Spectra of u + fd and of x in the measurement window of a recording."""
-    given, output = (recording.window(s) for s in (drive_of(recording), recording.x))
-    runs, samples = output.shape
-    # Of unit size, so that no unit is too large or too small to reckon with.
-    size, answer = (float(np.std(signal)) or 1.0 for signal in (given, output))
+    signals = [recording.window(signal) for signal in (drive_of(recording), recording.x)]
+    runs, samples = signals[0].shape
     base = 2.0 * np.pi / (samples * recording.dt)
     # Pilots leave next to nothing above 25 rad/s, and a constant offset reaches the first bins.
     last = min(int(25.0 / base), int(0.4 * samples))
-    bins, near = np.arange(3, last + 1, BIN_STEP), np.arange(5) - 2
-    s = 1j * base * np.tile(bins + near[:, None], runs)
-    powers = s ** np.arange(HIGHEST + 1)[:, None, None]
-    drive, summands = (
-        np.fft.rfft(signal)[:, bins + near[:, None]].swapaxes(0, 1).reshape(s.shape)
-        * WINDOW[:, None]
-        * powers
-        for signal in (given / size, output / answer)
+    bins = np.arange(3, last + 1, BIN_STEP) + np.arange(-2, 3)[:, None]
+    powers = (1j * base * np.tile(bins, runs)) ** np.arange(HIGHEST + 2)[:, None, None]
+    unit = float(np.std(signals[1])) or 1.0  # of x, so that none is too large or too small
+    given, summands = (
+        np.fft.rfft(signal / unit)[:, bins].swapaxes(0, 1).reshape(5, -1) * WINDOW[:, None] * powers
+        for signal in signals
     )
-    omega, known = s[2].imag, summands.sum(axis=1)
+    output = summands.sum(axis=1)
     # A level of noise is told from ten independent observations on.
-    fine, wide = (_bands(omega, fewest) for fewest in (1.0, 10.0 / INDEPENDENT))
-    return Spectra(
-        gain=answer / size,
-        neighbours=base * near,
-        omega=omega,
-        powers=powers[:, 2],
-        given=drive,
-        output=known,
-        fine=fine,
-        wide=wide,
-        size=power(known[0], fine),
-    )
+    fine, wide = (_bands(powers[1, 2].imag, fewest) for fewest in (1.0, 10.0 / INDEPENDENT))
+    return Spectra(powers, given, output, fine, wide, power(output[0], fine))
 
 
 def _bands(omega: FloatArray, fewest: float) -> IntArray:

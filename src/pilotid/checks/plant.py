@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pilotid.checks.element_forms import HIGHEST as ORDER
 from pilotid.checks.element_forms import INDEPENDENT, Spectra, drive_of
 from pilotid.model.element import ControlledElement
 from pilotid.recording.recording import Recording, remembered
@@ -93,11 +94,11 @@ def answered(spectra: Spectra, element: ControlledElement) -> Answered | None:
         The element, with two derivatives of the input and `HIGHEST` of the output at most.
     """
     top, bottom = np.array(element.numerator), np.array(element.denominator)
-    if len(bottom) > len(spectra.output):
+    if len(bottom) > ORDER + 1:
         return None
     output = bottom[::-1] @ spectra.output[: len(bottom)]
     ratio = output / (top[::-1] @ spectra.inputs(len(top), element.delay))
-    omega = spectra.omega
+    omega = spectra.powers[1, 2].imag
     unit = ratio / np.abs(ratio)
     times = np.arange(-LATEST, LATEST, 0.01)
     late = float(times[np.argmax(np.real(np.exp(1j * np.outer(times, omega)) @ (omega * unit)))])
