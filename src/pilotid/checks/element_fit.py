@@ -87,11 +87,9 @@ def identified_element(recording: Recording) -> ElementChoice:
     if not fits:
         return ElementChoice(why="no form of element suits control and output")
     chosen = simplest([fit for fit in fits if _is_steerable(fit)] or fits)
-    error = float(chosen.error_at(OMEGA).max())
     element = element_named(chosen.form.name(rounded(chosen.values, chosen.covariance)))
-    why = _against(element, chosen.explained, error, float(chosen.values[-1]))
     left = math.sqrt(float(np.median(chosen.unexplained)))
-    return ElementChoice(element, SIGNALS, why, left=left)
+    return ElementChoice(element, SIGNALS, _against(element, chosen), left=left)
 
 
 def _is_steerable(fit: FormFit) -> bool:
@@ -126,20 +124,25 @@ def _short(value: float, error: float) -> float:
     return next((short for short in every if abs(short - value) <= error), value)
 
 
-def _against(element: ControlledElement, explained: float, error: float, delay: float) -> str:
+def _unfollowed(element: ControlledElement, left: float) -> str:
+    """That the best element leaves a share of the amplitude of x, in a sentence."""
+    return (
+        "control and output follow no one controlled element of low order: the best, "
+        f"{element.name}, leaves {100.0 * left:.0f} % of the amplitude of x; it may change within "
+        "a run, a disturbance may be missing, a signal late, or a name, a unit or a sign wrong"
+    )
+
+
+def _against(element: ControlledElement, fit: FormFit) -> str:
     """What speaks against an identified element, in a sentence; empty if nothing does."""
-    if explained < ELEMENT.sound:
-        return (
-            "control and output follow no one controlled element: the best of low order explains "
-            f"{explained:.0f} % of x; it may change within a run, a disturbance may be missing, or "
-            "a name or a sign may be wrong"
-        )
-    if delay < -ELEMENT.late:
+    if fit.explained < ELEMENT.sound:
+        return _unfollowed(element, math.sqrt(1.0 - 0.01 * fit.explained))
+    if (delay := float(fit.values[-1])) < -ELEMENT.late:
         return (
             f"x seems to answer {1e3 * -delay:.0f} ms before u moves, as {element.name} would: "
             "u is late, or has noise in it that did not reach the element"
         )
-    if error > ELEMENT.known:
+    if (error := float(fit.error_at(OMEGA).max())) > ELEMENT.known:
         return (
             f"control and output tell the controlled element, {element.name}, to within "
             f"{100.0 * error:.0f} % only where loops cross over"
@@ -171,13 +174,7 @@ def unexplained(recording: Recording) -> Remark | None:
     choice = identified_element(recording)
     if choice.element is None or choice.left <= ELEMENT.unexplained:
         return None
-    words = (
-        f"x is the answer to u + fd by no controlled element of low order: {choice.element.name} "
-        f"leaves {100.0 * choice.left:.0f} % of it at half of the frequencies; it may change "
-        "within a run, a disturbance may be missing, a signal late, or a name, a unit or a sign "
-        "wrong"
-    )
-    return Remark("output-unrelated", words, "doubt")
+    return Remark("output-unrelated", _unfollowed(choice.element, choice.left), "doubt")
 
 
 def chosen_element(recording: Recording, given: GivenElement = None) -> ElementChoice:

@@ -93,7 +93,7 @@ class Spectra:
     given
         Of the derivatives of v, as summands, of the same shape.
     output
-        Of the derivatives of x, shape (`HIGHEST` + 2, n).
+        Of the derivatives of x, shape (`HIGHEST` + 1, n).
     fine
         The band of every observation, even in the logarithm of frequency, shape (n,).
     wide
@@ -213,7 +213,7 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
 
     limits = np.full((2, form.size), [[-np.inf], [np.inf]])
     limits[:, -1] = -0.3, 0.6  # s, as u may be late
-    space = Box(*limits, np.zeros(form.size, dtype=bool))
+    space = Box(limits[0], limits[1], np.zeros(form.size, dtype=bool))
     delays = (-0.2, -0.1, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s
     poles = np.atleast_1d(np.poly([-3.0] * form.free))[1:]
     starts = np.array([[*np.zeros(1 + form.zeros), *poles, delay] for delay in delays])
@@ -253,7 +253,7 @@ def spectra_of(recording: Recording) -> Spectra:
         np.fft.rfft(signal / unit)[:, bins].swapaxes(0, 1).reshape(5, -1) * WINDOW[:, None] * powers
         for signal in signals
     )
-    output = summands.sum(axis=1)
+    output = summands[: HIGHEST + 1].sum(axis=1)
     # A level of noise is told from ten independent observations on.
     fine, wide = (_bands(powers[1, 2].imag, fewest) for fewest in (1.0, 10.0 / INDEPENDENT))
     return Spectra(powers, given, output, fine, wide, power(output[0], fine))
@@ -285,8 +285,7 @@ def fits_of(recording: Recording) -> tuple[FormFit, ...]:
     """Forms fitted to the measurement window, the simplest first, up to one that describes it."""
     spectra, fits = spectra_of(recording), list[FormFit]()
     for form in FORMS:
-        good = (f for f in fits if f.unexplained.max() <= UNNOTICED**2)
-        if any(fit.form.size < form.size for fit in good):
+        if any(f.form.size < form.size and f.unexplained.max() <= UNNOTICED**2 for f in fits):
             break
         with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
             fits.append(fitted_form(spectra, form))

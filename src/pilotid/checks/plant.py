@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.checks.element_forms import HIGHEST as ORDER
 from pilotid.checks.element_forms import INDEPENDENT, Spectra, drive_of
 from pilotid.model.element import ControlledElement
 from pilotid.recording.recording import Recording, remembered
@@ -94,12 +93,11 @@ def answered(spectra: Spectra, element: ControlledElement) -> Answered | None:
         The element, with two derivatives of the input and `HIGHEST` of the output at most.
     """
     top, bottom = np.array(element.numerator), np.array(element.denominator)
-    if len(bottom) > ORDER + 1:
+    if len(bottom) > len(spectra.output):
         return None
     output = bottom[::-1] @ spectra.output[: len(bottom)]
     ratio = output / (top[::-1] @ spectra.inputs(len(top), element.delay))
-    omega = spectra.powers[1, 2].imag
-    unit = ratio / np.abs(ratio)
+    omega, unit = spectra.powers[1, 2].imag, ratio / np.abs(ratio)
     times = np.arange(-LATEST, LATEST, 0.01)
     late = float(times[np.argmax(np.real(np.exp(1j * np.outer(times, omega)) @ (omega * unit)))])
     for _ in range(3):
@@ -233,19 +231,17 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
         One of its runs alone; None for all.
     """
     rows = slice(None) if run is None else slice(run, run + 1)
-    output, control = (_spectrum(recording, signal[rows]) for signal in (recording.x, recording.u))
-    forcing = None if recording.fd is None else _spectrum(recording, recording.fd[rows])
-    plants = []
-    for sign in (1.0,) if forcing is None else (1.0, -1.0):
-        drive = control if forcing is None else sign * control + forcing
+    signals = (s[rows] for s in (recording.x, recording.u, recording.fd) if s is not None)
+    output, control, *forcing = (_spectrum(recording, signal) for signal in signals)
+    plants = list[Plant]()
+    for drive in [forcing[0] + control, forcing[0] - control] if forcing else [control]:
         if (plant := _answer(output, drive, recording.duration)) is None:
             return None
-        if forcing is None:
+        good = plant.coherence >= ELEMENT.coherent
+        polarity = _polarity(plant.omega[good], plant.response[good])
+        if not forcing:
             polarity = _polarity_at_target(recording, rows)
-        else:
-            good = plant.coherence >= ELEMENT.coherent
-            polarity = _polarity(plant.omega[good], plant.response[good])
-        plants.append(replace(plant, polarity=polarity, opposed=sign < 0.0))
+        plants.append(replace(plant, polarity=polarity, opposed=bool(plants)))
     return max(plants, key=lambda plant: plant.mean_coherence - ELEMENT.clearly * plant.opposed)
 
 
