@@ -242,12 +242,11 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
 def spectra_of(recording: Recording) -> Spectra:
     """Spectra of u + fd and of x in the measurement window of a recording."""
     signals = [recording.window(signal) for signal in (drive_of(recording), recording.x)]
-    runs, samples = signals[0].shape
-    base = 2.0 * np.pi / (samples * recording.dt)
+    base = 2.0 * np.pi / recording.duration
     # Pilots leave next to nothing above 25 rad/s, and a constant offset reaches the first bins.
-    last = min(int(25.0 / base), int(0.4 * samples))
+    last = min(int(25.0 / base), int(0.4 * recording.samples))
     bins = np.arange(3, last + 1, BIN_STEP) + np.arange(-2, 3)[:, None]
-    powers = (1j * base * np.tile(bins, runs)) ** np.arange(HIGHEST + 2)[:, None, None]
+    powers = (1j * base * np.tile(bins, recording.runs)) ** np.arange(HIGHEST + 2)[:, None, None]
     unit = float(np.std(signals[1])) or 1.0  # of x, so that none is too large or too small
     given, summands = (
         np.fft.rfft(signal / unit)[:, bins].swapaxes(0, 1).reshape(5, -1) * WINDOW[:, None] * powers
