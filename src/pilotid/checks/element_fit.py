@@ -128,8 +128,9 @@ def _unfollowed(element: ControlledElement, left: float) -> str:
     """That the best element leaves a share of the amplitude of x, in a sentence."""
     return (
         "control and output follow no one controlled element of low order: the best, "
-        f"{element.name}, leaves {100.0 * left:.0f} % of the amplitude of x; it may change within "
-        "a run, a disturbance may be missing, a signal late, or a name, a unit or a sign wrong"
+        f"{element.name}, leaves about {100.0 * left:.0f} % of the amplitude of x; it may change "
+        "within a run, a disturbance may be missing, a signal late, or a name, a unit or a sign "
+        "wrong"
     )
 
 
