@@ -38,6 +38,7 @@ def test_a_model_that_lacks_a_channel_disagrees(method: str) -> None:
     numbers = {key: getattr(estimate.specification, key) for key in ("statistic", "p_value")}
     told = estimate.to_dict()["specification"]
     assert np.isnan(told.pop("moved"))
+    assert told.pop("missed") == estimate.specification.missed > 2.0
     assert told == {**numbers, "against": "fourier", "agrees": False}
 
 
@@ -46,7 +47,7 @@ def test_without_a_line_that_a_recorder_left_there_is_no_test() -> None:
     recording = simulate(SCENARIOS["single"], np.random.default_rng(0))
     given = estimate.model, estimate.values, estimate.covariance, estimate.remnant
     assert specification_of(recording, *given, 0.0) is None
-    assert specification_of(recording, *given, 50.0) is not None
+    assert specification_of(recording, *given, 50.0).missed == 0.0
 
 
 def test_the_power_that_scores_are_weighed_by_is_that_of_the_remnant() -> None:
@@ -119,6 +120,8 @@ def test_the_level() -> None:
     assert Specification(1.0, ESTIMATE.misspecified, "fourier").agrees
     for moved, grade in ((np.nan, "wrong"), (3.1, "wrong"), (2.0, "doubt"), (0.9, "note")):
         assert [r.grade for r in Specification(60.0, 1e-9, "fourier", moved).remarks] == [grade]
+    for missed, grades in ((0.0, []), (1.9, ["note"]), (2.1, ["doubt"])):
+        assert [r.grade for r in Specification(1.0, 0.5, "f", 0.0, missed).remarks] == grades
     assert not Specification(1.0, 0.9 * ESTIMATE.misspecified, "fourier").agrees
     for words, p in (("no significant", 0.06), ("not clearly", 0.004), ("contradicts", 0.0001)):
         assert words in Specification(1.0, p, "f").sentence

@@ -543,12 +543,16 @@ class Specification:
     moved
         By how many of its errors the equations alone would move a parameter at the most; NaN where
         that is not known.
+    missed
+        How many times their errors the model misses the responses at the forcing frequencies;
+        0 where chance may do as much (once in 1,000), and where there are no such frequencies.
     """
 
     statistic: float
     p_value: float
     against: str
     moved: float = math.nan
+    missed: float = 0.0
 
     @property
     def agrees(self) -> bool:
@@ -558,7 +562,9 @@ class Specification:
     @property
     def sentence(self) -> str:
         """The test in words."""
-        p = f"{self.against} (p = {self.p_value:.2g})"
+        p = f"the same model by {self.against} (p = {self.p_value:.2g})"
+        if self.missed:
+            p += f"; it misses the responses by {self.missed:.1f} times their errors"
         if not self.agrees:
             return f"specification: contradicts {p}"
         if self.p_value < LEVEL:
@@ -567,9 +573,9 @@ class Specification:
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
-        """What to say of an estimate that disagrees."""
+        """What to say of an estimate that disagrees, or of a model that misses the responses."""
         if self.agrees:
-            return ()
+            return (misfit_remark(self.missed),) if self.missed else ()
         sure = self.p_value < ESTIMATE.surely_misspecified and not self.moved < ESTIMATE.moved
         grade: Grade = "note" if self.moved < 1.0 else "wrong" if sure else "doubt"
         sentence = (
@@ -582,6 +588,15 @@ class Specification:
     def to_dict(self) -> dict[str, object]:
         """Plain objects."""
         return {**asdict(self), "agrees": self.agrees}
+
+
+def misfit_remark(missed: float, consequence: str = "") -> Remark:
+    """That a model misses responses by so many times their errors, and what follows from that."""
+    sentence = (
+        f"the model misses the responses at the forcing frequencies by {missed:.1f} times their "
+        f"errors: a channel or a lag may be lacking, or the pilot changed{consequence}"
+    )
+    return Remark("misspecified", sentence, "doubt" if missed > 2.0 else "note")
 
 
 def score_test(

@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from pilotid.estimate.estimate import Estimate, Outcome, failed, outcome_of
-from pilotid.estimate.quantities import FrequencyResponse, real_parts
+from pilotid.estimate.quantities import FrequencyResponse, misfit_remark, real_parts
 from pilotid.estimate.warnings import lines_objection, motionless_input
 from pilotid.likelihood.estimates import make_estimate, starts_of, within_bounds
 from pilotid.likelihood.likelihood import Likelihood
@@ -33,7 +33,6 @@ from pilotid.solve.least_squares import Problem, minimise, search
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, coefficients_of
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95, chi_squared_limit, covariance_of
-from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray
 
 
@@ -154,12 +153,7 @@ def second_step(
     estimate = make_estimate(
         name, recording, model, end.values[0], covariance, converged=bool(end.converged[0])
     )
-    missed = variance**0.5
-    words = (
-        f"the model misses the frequency response by {missed:.1f} times its errors: a channel or a "
-        "lag may be lacking, or the pilot changed; the errors of parameters are wider by as much"
-    )
-    remark = Remark("misspecified", words, "doubt" if missed > 2.0 else "note")
+    remark = misfit_remark(variance**0.5, "; the errors of parameters are wider by as much")
     return replace(
         estimate,
         remarks=(remark,) if clear and is_tested else (),

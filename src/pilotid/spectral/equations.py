@@ -9,6 +9,7 @@ less of gain and lead than the whole recording does, but their optimum lies in i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,7 +26,7 @@ from pilotid.recording.spectra import floors_of
 from pilotid.solve.least_squares import Minima, Problem, minimise, search, solve_linear
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import Z95, covariance_of
+from pilotid.support.numbers import Z95, chi_squared_limit, covariance_of
 from pilotid.support.types import ComplexArray, FloatArray
 
 #: Share of the inputs' power at a line that must be no noise of the recorder.
@@ -296,7 +297,12 @@ def specification_of(
     root = along[:, known] / np.sqrt(sizes[known])
     variance = root.T @ expected @ root
     shares, turned = np.linalg.eigh(variance)
-    return score_test(turned.T @ root.T @ score, shares, ESTIMATE.least_by_lines, "fourier")
+    tested = score_test(turned.T @ root.T @ score, shares, ESTIMATE.least_by_lines, "fourier")
+    # What the same model cannot tell in either way shows in what it leaves.
+    misfit, freedom = float(gram[-1, -1]), 2 * int(clear.sum()) - int(free.sum())
+    if not tested or freedom <= 0 or misfit <= chi_squared_limit(freedom, 1e-3):
+        return tested
+    return replace(tested, missed=math.sqrt(misfit / freedom))
 
 
 def smoothed_power(
