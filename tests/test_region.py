@@ -173,3 +173,15 @@ def intervals_of(found: Optimum) -> FloatArray:
     profile = profile_about(found)
     assert profile.better is None
     return profile.intervals
+
+
+def test_what_lies_at_a_bound_need_not_be_curved() -> None:
+    model = NOMINAL.model
+    found = maximise_likelihood(recording_of(NOMINAL), model, np.random.default_rng(1), MLE())
+    end, damping = found.end.only([0]), model.index["dnm"]
+    size = np.sqrt(end.gram[0, 0, 0] * end.gram[0, damping, damping])
+    end.gram[0, [0, damping], [damping, 0]] = 2.0 * size  # more than a correlation can be
+    assert replace(found, end=end).covariance is None
+    end.values[0, damping] = model.lower[damping]
+    assert (np.diag(replace(found, end=end).covariance) > 0.0).all()
+    assert profile_about(replace(found, end=end)) is not None

@@ -17,7 +17,7 @@ from pilotid.likelihood.remnant_models import BandPass, are_invertible, criterio
 from pilotid.model.loops import are_stable
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
-from pilotid.solve.intervals import score_dispersion, with_information
+from pilotid.solve.intervals import apart, score_dispersion, with_information
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import CHI_SQUARED_95, chi_squared_limit, covariance_of
@@ -287,15 +287,28 @@ class Optimum:
         return (1.0 + BARTLETT_SECONDS / seconds) * self.dispersion
 
     @property
+    def information(self) -> FloatArray:
+        """Information of pilot and remnant at unit variance, shape (parameters, parameters).
+
+        At a bound the likelihood need not be curved: where it is singular, what lies there is taken
+        for independent of all else.
+        """
+        information = np.asarray(self.end.gram[0, :-1, :-1])
+        if covariance_of(information, 1.0) is not None:
+            return information
+        bounded = np.zeros(len(information), dtype=bool)
+        bounded[: self.joint.pilot_count] = is_at_bound(self.joint.prediction.model, self.pilot)
+        return apart(information, bounded)
+
+    @property
     def covariance(self) -> FloatArray | None:
         """Covariance of the pilot's parameters, None if it is singular."""
-        information = self.end.gram[0, :-1, :-1]
         variance, pilot = self.variance * self.variance_factor, slice(self.joint.pilot_count)
-        covariance = covariance_of(information, variance)
+        covariance = covariance_of(self.information, variance)
         if covariance is None:
             # A remnant without a shape (next to none, or white) leaves its own parameters
             # open, but not the pilot's.
-            covariance = covariance_of(information[pilot, pilot], variance)
+            covariance = covariance_of(self.information[pilot, pilot], variance)
         return None if covariance is None else covariance[pilot, pilot]
 
     @property

@@ -110,7 +110,7 @@ def _ends_beside(rival: Optimum, optimum: Optimum, intervals: FloatArray) -> Flo
 def profile_about(optimum: Optimum) -> Profile | None:
     """Intervals about an optimum that hold others as far as they are as likely."""
     joint, end = optimum.joint, optimum.end
-    if covariance_of(end.gram[0, :-1, :-1], optimum.variance) is None:
+    if covariance_of(optimum.information, optimum.variance) is None:
         return None
     remnant = optimum.values[joint.pilot_count :]
     others = [off_bounds(optimum)]

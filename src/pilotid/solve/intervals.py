@@ -75,6 +75,11 @@ def errors_from(
     return errors if (errors > 0.0).all() else None
 
 
+def apart(hessian: FloatArray, which: BoolArray) -> FloatArray:
+    """A Hessian (parameters, parameters) in which some parameters are independent of all others."""
+    return np.where(which[:, None] | which, np.diag(np.diag(hessian)), hessian)
+
+
 def covariance_at_bounds(
     hessian: FloatArray, bounded: BoolArray, errors: FloatArray | None
 ) -> FloatArray | None:
@@ -92,8 +97,7 @@ def covariance_at_bounds(
     errors
         Standard errors, which profile intervals tell, see `errors_from`.
     """
-    conditional = np.where(bounded[:, None] | bounded, np.diag(np.diag(hessian)), hessian)
-    inverted = scaled_inverse(conditional)
+    inverted = scaled_inverse(apart(hessian, bounded))
     if inverted is None or errors is None:
         return None
     scaled, _ = inverted
