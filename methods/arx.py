@@ -218,10 +218,8 @@ def _regression(prediction: Prediction, widest: Structure) -> Regression:
     full = regression(count)
     cost = full.cost(widest)
     variance = cost / max(1, full.samples - widest.parameters)
-    for terms in range(count):
-        smaller = regression(terms)
-        left = prediction.runs * (count - terms)
-        limit = chi_squared_limit(left, ESTIMATE.seldom)
+    for terms, smaller in enumerate(map(regression, range(count))):
+        limit = chi_squared_limit(prediction.runs * (count - terms), ESTIMATE.seldom)
         if smaller.cost(widest) - cost <= limit * variance:
             return smaller
     return full

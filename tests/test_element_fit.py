@@ -9,15 +9,10 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, SINGLE_LOOP, recording_of
 
-from pilotid.checks.element_fit import (
-    OMEGA,
-    chosen_element,
-    differs,
-    identified_element,
-    rounded,
-)
+from pilotid.checks.element_fit import chosen_element, differs, identified_element, rounded
 from pilotid.checks.element_forms import (
     FORMS,
+    OMEGA,
     Form,
     FormFit,
     fits_of,
@@ -60,11 +55,6 @@ def recorded(element: ControlledElement, seconds: float = 60.0, noise: float = 0
     return Recording(dt=DT, e=-x, u=u, x=x)
 
 
-def explained(recording: Recording) -> float:
-    """The share of x [%] that the simplest element explains."""
-    return simplest(fits_of(recording)).explained
-
-
 def deviation(found: ControlledElement | None, true: ControlledElement) -> float:
     assert found is not None
     return float(np.max(np.abs(found.response(WIDE) / true.response(WIDE) - 1.0)))
@@ -81,7 +71,6 @@ def test_elements_of_populations_are_found(name: str) -> None:
         recording = simulate(scenario, np.random.default_rng([draw, 6]))
         found = identified_element(recording)
         assert not found.why
-        assert explained(recording) > 99.99
         assert deviation(found.element, scenario.element) < 0.01, scenario.element.name
 
 
@@ -144,6 +133,19 @@ def test_noise_of_the_control_makes_no_element_that_people_cannot_hold(text: str
         assert not unstable, found.element.name
 
 
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_fast_remnant_that_sampling_folds_down_hides_no_element(seed: int) -> None:
+    remnant = replace(SINGLE_LOOP.remnant, order=1, frequency=8.0)
+    scenario = replace(SINGLE_LOOP, remnant=remnant, duration=163.84, dt=0.01)
+    fine = recording_of(scenario, seed)
+    every_fourth = {name: signal[:, ::4] for name, signal in fine.arrays.items()}
+    found = identified_element(replace(fine, dt=0.04, run_in=fine.run_in // 4, **every_fourth))
+    assert not found.why
+    assert found.element is not None
+    ratio = found.element.response(OMEGA) / scenario.element.response(OMEGA)
+    assert np.sqrt(np.mean(np.abs(ratio - 1.0) ** 2)) < 0.05
+
+
 def test_claimed_errors_hold_where_noise_is_what_limits() -> None:
     # White noise of a tenth of x at the output of a lag: two numbers and a delay.
     true = element_named("5/(s+3)")
@@ -181,13 +183,13 @@ def test_many_runs_count_as_much_as_they_tell_and_an_offset_of_u_for_nothing(
 @pytest.mark.long
 def test_missing_disturbance_wrong_sign_and_wrong_signal_are_said() -> None:
     recording = recording_of(NOMINAL)
-    assert not identified_element(recording).why
     flipped = replace(recording, u=-recording.u, fd=-np.asarray(recording.fd))
     assert "whose gain is negative" in identified_element(flipped).why
     for wrong in (replace(recording, fd=None), replace(recording, x=recording.ft)):
         found = identified_element(wrong)
-        assert explained(wrong) < 90.0
-        assert "control and output follow no one controlled element" in found.why
+        assert found.left > 0.25
+        missing = "most often a" if wrong.fd is None else "perhaps another"
+        assert f"{missing} disturbance was not recorded, or the element changes" in found.why
         assert chosen_element(replace(wrong, controlled_element="")).element is None
     still = identified_element(replace(recording, x=np.zeros_like(recording.x)))
     assert still.element is None
@@ -310,7 +312,6 @@ def test_elements_of_experiments_are_found(measured: Path, file: str, true: str)
     recording, known = load_recording(measured / file), element_named(true)
     found = identified_element(recording)
     assert not found.why
-    assert explained(recording) > 99.99
     assert deviation(found.element, known) < 0.02
     assert found.element is not None
     assert len(found.element.denominator) == len(known.denominator)
@@ -320,5 +321,4 @@ def test_elements_of_experiments_are_found(measured: Path, file: str, true: str)
 @pytest.mark.parametrize("condition", ["C3_roll", "C4_pitch", "C6_roll", "C8_pitch"])
 def test_element_that_changes_in_an_experiment_is_said(measured: Path, condition: str) -> None:
     recording = load_recording(measured / f"adaptation/pilot3_{condition}.mat")
-    assert identified_element(recording).why
-    assert explained(recording) < 90.0
+    assert identified_element(recording).left > 0.3

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pilotid.checks.detectors import findings
-from pilotid.checks.element_forms import FormFit, drive_of, fits_of, simplest, spectra_of
+from pilotid.checks.element_forms import OMEGA, FormFit, drive_of, fits_of, simplest, spectra_of
 from pilotid.model.element import ControlledElement, as_element, element_named, parsed_element
 from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
@@ -23,8 +23,6 @@ from pilotid.support.types import FloatArray
 
 #: A controlled element as users give it: itself, its text, or nothing.
 GivenElement = ControlledElement | str | None
-#: Where loops cross over [rad/s].
-OMEGA = np.geomspace(0.5, 6.0, 40)
 #: Origins of an element, and their words.
 GIVEN, FILE, SIGNALS = "given", "recording", "identified"
 ORIGINS = {
@@ -49,7 +47,7 @@ class ElementChoice:
     remarks
         Where what is said of it and what signals show disagree, a sentence each.
     left
-        Share of the amplitude of x that it does not explain, the median over bands of frequency.
+        Share of the amplitude of x that it does not explain where loops cross over.
     """
 
     element: ControlledElement | None = None
@@ -88,8 +86,9 @@ def identified_element(recording: Recording) -> ElementChoice:
         return ElementChoice(why="no form of element suits control and output")
     chosen = simplest([fit for fit in fits if _is_steerable(fit)] or fits)
     element = element_named(chosen.form.name(rounded(chosen.values, chosen.covariance)))
-    left = math.sqrt(float(np.median(chosen.unexplained)))
-    return ElementChoice(element, SIGNALS, _against(element, chosen), left=left)
+    left = math.sqrt(1.0 - 0.01 * chosen.explained)
+    why = _against(element, chosen, left, recording.fd is not None)
+    return ElementChoice(element, SIGNALS, why, left=left)
 
 
 def _is_steerable(fit: FormFit) -> bool:
@@ -124,20 +123,16 @@ def _short(value: float, error: float) -> float:
     return next((short for short in every if abs(short - value) <= error), value)
 
 
-def _unfollowed(element: ControlledElement, left: float) -> str:
-    """That the best element leaves a share of the amplitude of x, in a sentence."""
-    return (
-        "control and output follow no one controlled element of low order: the best, "
-        f"{element.name}, leaves about {100.0 * left:.0f} % of the amplitude of x; it may change "
-        "within a run, a disturbance may be missing, a signal late, or a name, a unit or a sign "
-        "wrong"
-    )
-
-
-def _against(element: ControlledElement, fit: FormFit) -> str:
+def _against(element: ControlledElement, fit: FormFit, left: float, is_forced: bool) -> str:
     """What speaks against an identified element, in a sentence; empty if nothing does."""
-    if fit.explained < ELEMENT.sound:
-        return _unfollowed(element, math.sqrt(1.0 - 0.01 * fit.explained))
+    if left > ELEMENT.unexplained:
+        missing = "perhaps another" if is_forced else "most often a"
+        return (
+            "control and output follow no one controlled element of low order: the best, "
+            f"{element.name}, leaves about {100.0 * left:.0f} % of the amplitude of x; {missing} "
+            "disturbance was not recorded, or the element changes within a run, a signal is late, "
+            "or a name, a unit or a sign is wrong"
+        )
     if (delay := float(fit.values[-1])) < -ELEMENT.late:
         return (
             f"x seems to answer {1e3 * -delay:.0f} ms before u moves, as {element.name} would: "
@@ -161,21 +156,17 @@ def _against(element: ControlledElement, fit: FormFit) -> str:
 def confirmed_element(recording: Recording) -> ControlledElement | None:
     """The element that the file names, where its signals follow it closely; else None."""
     named = parsed_element(recording.controlled_element)
-    if named is None:
-        return None
     with np.errstate(all="ignore"):  # signals that do not move, which tell nothing
-        left = spectra_of(recording).unexplained(named)
+        left = spectra_of(recording).unexplained(named) if named else math.inf
     return named if left <= 0.5 * ELEMENT.different else None
 
 
 def unexplained(recording: Recording) -> Remark | None:
     """A doubt where x is the answer to u + fd by no element of low order."""
-    if recording.fd is None or confirmed_element(recording):
-        return None
-    choice = identified_element(recording)
-    if choice.element is None or choice.left <= ELEMENT.unexplained:
-        return None
-    return Remark("output-unrelated", _unfollowed(choice.element, choice.left), "doubt")
+    is_known = recording.fd is None or confirmed_element(recording)
+    choice = ElementChoice() if is_known else identified_element(recording)
+    is_left = choice.left > ELEMENT.unexplained
+    return Remark("output-unrelated", choice.why, "doubt") if is_left else None
 
 
 def chosen_element(recording: Recording, given: GivenElement = None) -> ElementChoice:
@@ -192,8 +183,7 @@ def chosen_element(recording: Recording, given: GivenElement = None) -> ElementC
         return ElementChoice(confirmed, FILE)  # to ask signals for a form takes long
     named = parsed_element(recording.controlled_element)
     identified = identified_element(recording)
-    faults = (f for f in findings(recording) if f.grade != "note" and not f.is_turned)
-    fault = next(faults, None)
+    fault = next((f for f in findings(recording) if f.grade != "note" and not f.is_turned), None)
     shifted = fault and fault.code == "late-signal" and abs(fault.size) > ELEMENT.late
     shown = None if identified.why or shifted else identified.element
     stated = ElementChoice(as_element(given), GIVEN) if given else ElementChoice(named, FILE)

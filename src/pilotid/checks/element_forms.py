@@ -65,6 +65,8 @@ FORMS = sorted(
     key=lambda form: form.size,
 )
 
+#: Where loops cross over [rad/s].
+OMEGA = np.geomspace(0.5, 6.0, 40)
 #: Relative error below which two responses count as one: nobody misses it, and few recordings
 #: are better than that, as signals are held, integrated and stored.
 UNNOTICED = 5e-3
@@ -167,7 +169,8 @@ class FormFit:
     unexplained
         Share of the output's power that is left, in each band.
     explained
-        Share of the output's power that it explains [%].
+        Share of the output's power that it explains [%], the median of the bands where loops cross
+        over.  Below, what u does between samples makes x drift.
     """
 
     form: Form
@@ -211,30 +214,32 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
             products *= math.exp(np.mean(np.log(level)))
         return grams
 
-    limits = np.full((2, form.size), [[-np.inf], [np.inf]])
-    limits[:, -1] = -0.3, 0.6  # s, as u may be late
-    space = Box(limits[0], limits[1], np.zeros(form.size, dtype=bool))
+    free = np.full(form.size - 1, np.inf)
+    # A delay may be negative, as u may be late.
+    box = Box(np.append(-free, -0.3), np.append(free, 0.6), np.zeros(form.size, dtype=bool))
     delays = (-0.2, -0.1, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s
     poles = np.atleast_1d(np.poly([-3.0] * form.free))[1:]
     starts = np.array([[*np.zeros(1 + form.zeros), *poles, delay] for delay in delays])
     for _ in range(3 if form.free else 1):  # the equation divided by the last denominator
-        starts, _ = solve_linear(gram(starts, 0.0), starts, tuple(range(form.size - 1)), limits[0])
+        starts, _ = solve_linear(gram(starts, 0.0), starts, tuple(range(form.size - 1)), box.lower)
     count = INDEPENDENT * np.bincount(spectra.fine)  # independent observations in each band
-    best = minimise(gram, starts, space, iterations=1).only([0])
-    tolerance = 0.03 / (2.0 * count.sum())  # .03 of -2 log-likelihood
-    best = minimise(gram, best, space, tolerance=tolerance, iterations=25)
+    best = minimise(gram, starts, box, iterations=1).only([0])
+    # To .03 of -2 log-likelihood.
+    best = minimise(gram, best, box, tolerance=0.03 / (2.0 * count.sum()), iterations=25)
     values = best.values[0]
-    *slopes, left = spectra.rows(form, values)
-    unexplained = power(left, spectra.fine) / spectra.size
+    *slopes, rest = spectra.rows(form, values)
+    unexplained = power(rest, spectra.fine) / spectra.size
     # What counts as exact is no noise that averages out over a band: its error is one.  Noise in v,
     # such as fast remnant that sampling folds down, makes the response smaller by the share left.
     exact = UNNOTICED**2 + np.where(unexplained > 0.05, unexplained, 0.0) ** 2
-    table = (slopes / np.sqrt(spectra.level(left, exact * count))).view(float)
+    table = (slopes / np.sqrt(spectra.level(rest, exact * count))).view(float)
     covariance = np.linalg.inv(table @ table.T) / (2.0 * INDEPENDENT)
     criterion = 2.0 * count.sum() * math.log(best.cost[0]) + form.size * math.log(2.0 * count.sum())
     if not (np.isfinite([criterion, *values]).all() and (np.diag(covariance) > 0.0).all()):
         raise np.linalg.LinAlgError
-    explained = 100.0 * max(0.0, 1.0 - float(np.average(unexplained, weights=count * spectra.size)))
+    omega = spectra.powers[1, 2].imag
+    crossing = np.unique(spectra.fine[(omega >= OMEGA[0]) & (omega <= max(OMEGA[-1], omega.min()))])
+    explained = 100.0 * max(0.0, 1.0 - float(np.median(unexplained[crossing])))
     return FormFit(form, values, covariance, criterion, unexplained, explained)
 
 
