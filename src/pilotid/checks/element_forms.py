@@ -67,6 +67,8 @@ FORMS = sorted(
 
 #: Where loops cross over [rad/s].
 OMEGA = np.geomspace(0.5, 6.0, 40)
+#: Where responses of forms are compared [rad/s].
+ALIKE = np.geomspace(0.5, 20.0, 50)
 #: Relative error below which two responses count as one: nobody misses it, and few recordings
 #: are better than that, as signals are held, integrated and stored.
 UNNOTICED = 5e-3
@@ -180,6 +182,11 @@ class FormFit:
     unexplained: FloatArray
     explained: float
 
+    def response(self, omega: FloatArray) -> ComplexArray:
+        """Its frequency response at `omega` [rad/s], shape (n,)."""
+        top, bottom = (np.polyval(p, 1j * omega) for p in self.form.polynomials(self.values))
+        return np.asarray(top / bottom * np.exp(-1j * omega * self.values[-1]))
+
     def error_at(self, omega: FloatArray) -> FloatArray:
         """Relative standard error of the frequency response at `omega` [rad/s], shape (n,)."""
         s, (integrators, free, zeros) = 1j * omega, self.form
@@ -273,9 +280,15 @@ def _bands(omega: FloatArray, fewest: float) -> IntArray:
 
 
 def simplest(fits: Sequence[FormFit]) -> FormFit:
-    """Of the fits that nobody would tell from the best, the one with the fewest parameters."""
+    """Of the fits that nobody would tell from the best, the one with the fewest parameters.
+
+    Their responses differ by no more than .5 %, or than the share of x that is left (the median of
+    bands), up to 3 %: the criterion finds in drift of x poles and zeros that nearly cancel.
+    """
     best = min(fits, key=lambda f: f.criterion)
-    alike = [f for f in fits if np.all(f.unexplained <= best.unexplained + UNNOTICED**2)]
+    near = max(UNNOTICED, min(0.03, math.sqrt(float(np.median(best.unexplained)))))
+    wanted = best.response(ALIKE)
+    alike = [f for f in fits if np.all(np.abs(f.response(ALIKE) - wanted) <= near * np.abs(wanted))]
     return min(alike, key=lambda f: (len(f.values), f.criterion))
 
 
