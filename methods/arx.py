@@ -30,7 +30,8 @@ No structure holds every pilot: delays may be shorter, lags longer than the memo
 does to the estimate, the recording tells (`pilotid.likelihood.second_step`): errors hold how far
 prediction errors move it, and one that they move by five claimed errors is refused.
 Shorter lags, finer sampling, more poles and a longer memory, on pilots drawn at random, did not
-make up for it.
+make up for it.  With delays below .2 s intervals are too short; lags from .1 s
+and a second step that ends where forcing functions do cover more (docs/measurements.md).
 
 Assumes at least as many forcing functions as signals that the channels act on, and a
 controlled element that is no mere gain.
@@ -95,7 +96,8 @@ class ARX:
         Error of the black-box model as a share of the response, independent at every
         frequency; it adds to the covariance.
     lowest, highest, points
-        Frequencies of the second step [rad/s], equally spaced on a logarithmic scale.
+        Frequencies of the second step [rad/s], equally spaced on a logarithmic scale.  Where
+        forcing functions end below the highest, an unstable pole between them refuses fits.
     rounds
         How often the covariance is propagated anew.
     """
