@@ -84,11 +84,11 @@ class ElementLimits(NamedTuple):
     flat: float = 0.15  # relative, by which the response of an element that is a gain differs
     stands_out: float = 3.0  # times the noise from which a line tells the element's angle
     late: float = 0.1  # s by which signals are apart from which their element is not believed
-    #: Share of x [%] that an element must explain, and the relative error of its response where
-    #: loops cross over, for loops to be drawn with it unasked.
-    sound: float = 98.0
+    sound: float = 98.0  # share of x [%], explained by an element whose delay tells lateness
+    #: Where loops cross over: relative error of an element's response, and share of x's amplitude
+    #: left (.06; faults .12), up to which loops are drawn with it unasked.
     known: float = 0.1
-    unexplained: float = 0.1  # of x's amplitude, left at half of the frequencies (.06; faults .12)
+    unexplained: float = 0.1
     slowest_zero: float = 0.5  # rad/s, of the right half-plane beside which people cross over
     fastest_pole: float = 8.0  # rad/s, of an element that people stabilise (Jex 1966: 6)
     sensitivity: float = 4.0  # largest, of a loop that people close
