@@ -182,10 +182,10 @@ class _Look:
         if "x" not in self.signals or stepped or is_resampled(self.recording, "x"):
             return
         x, drive = self.signals["x"], self.recording.window(drive_of(self.recording))
-        ratio, share, count, run, sample = _outliers(x, drive)
         # What stands still between steps of a converter is told without error.
         by_steps = RECORDER.converter_steps * step_of(self.recording, "x") / float(np.std(x))
-        if ratio <= RECORDER.outlier[0] or share <= max(RECORDER.outlier[1], by_steps):
+        share, count, run, sample = _outliers(x, drive, self.dt, max(RECORDER.outlier[1], by_steps))
+        if not count:
             return
         at, why = sample * self.dt, "samples are lost or spiked; leave these parts out"
         if any(_begins_again(signal, sample) for signal in forced):
@@ -437,9 +437,9 @@ def unit_conversion(factor: float) -> tuple[float, str]:
 
 
 def _outliers(
-    output: FloatArray, drive: FloatArray, order: int = 8
-) -> tuple[float, float, int, int, int]:
-    """Largest error of x told from its past and its drive: over the usual one, and over rms.
+    output: FloatArray, drive: FloatArray, dt: float, least: float, order: int = 8
+) -> tuple[float, int, int, int]:
+    """Largest error, over rms, of x told from its past and its drive, of those that stand out.
 
     Then how many stand out, and run and sample of the first.  Differences take the place of past
     values, which are all but equal.
@@ -465,10 +465,31 @@ def _outliers(
         np.abs(error, out=error)
         usual = float(np.median(error)) / 0.6745 + 1e-13
         kept = error < 6.0 * usual
-    far = np.flatnonzero(error.ravel() > max(RECORDER.outlier[0] * usual, RECORDER.outlier[1]))
+    if error.max() <= max(RECORDER.outlier[0] * usual, least):
+        return 0.0, 0, 0, 0
+    near = RECORDER.outlier[0] * _usual_near(error, drive, usual, dt)
+    far = np.flatnonzero(error > np.maximum(near, least))
     events = int(np.count_nonzero(np.diff(far, prepend=-order - 1) > order))
     run, sample = divmod(int(far[0]) if far.size else 0, count)
-    return float(error.max()) / usual, float(error.max()), events, run, sample + order
+    return float(error.ravel()[far].max(initial=0.0)), events, run, sample + order
+
+
+def _usual_near(error: FloatArray, drive: FloatArray, usual: float, dt: float) -> FloatArray:
+    """The usual error at each sample, which is larger where the drive moves between samples.
+
+    Pulses do so all the time, so that most blocks have such errors; of a remnant in bursts it is
+    the median near by, and no more than the drive's fourth differences there make elsewhere.
+    """
+    from scipy.ndimage import median_filter
+
+    block = min(max(8, round(0.25 / dt)), error.shape[1])
+    largest = error[:, : error.shape[1] // block * block].reshape(-1, block).max(axis=1)
+    moves = np.abs(np.diff(drive[:, -error.shape[1] - 4 :], 4, axis=1))
+    beside, moved = (np.array([median_filter(row, 25) for row in s]) for s in (error, moves))
+    busy = moved >= np.quantile(moved, 0.9)
+    moved *= np.median(beside[busy] / (moved[busy] + 1e-300))
+    always = max(usual, float(np.quantile(largest, 0.7)) / 3.0)
+    return np.maximum(always, np.minimum(beside, moved) / 0.6745)
 
 
 def fingerprints(recording: Recording) -> tuple[str, ...]:

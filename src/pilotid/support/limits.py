@@ -24,7 +24,7 @@ class RecorderLimits(NamedTuple):
     coarse: float = 0.2  # step over rms from which rounding hides movements
     again: float = 1e-3  # of its rms, by which a forcing function differs when it begins again
     own: float = 3e-5  # rms of e - (ft - x) over that of e (1e-15); files of 5 decimals reach it
-    outlier: tuple[float, float] = (60.0, 5e-3)  # over the usual error, and over rms (3e-6)
+    outlier: tuple[float, float] = (60.0, 5e-3)  # over the usual error near by (20), and over rms
     converter_steps: float = 10.0  # of a converter, that are no jump
     identity: float = 0.1  # of a sample, by which e and ft or x are apart (0)
     apart: tuple[float, float] = (0.2, 0.005)  # of a sample, and s, of u against fd (.003 s)
