@@ -22,7 +22,7 @@ from pilotid.datasets import simulate
 from pilotid.experiment.files import fields_of, parts_of
 from pilotid.experiment.fits import Answer, Task
 from pilotid.model.loops import margins
-from pilotid.recording.files import save_recording
+from pilotid.recording.files import Reading, save_recording
 from pilotid.support.jobs import Loss
 from pilotid.support.numbers import recording_rng
 
@@ -92,9 +92,7 @@ def test_every_fit_is_a_row(analysed: Path) -> None:
     every = table(analysed / "estimates.csv")
     assert {r["model"] for r in every if r["method"] == "measured"} == {""}
     rows = [r for r in every if r["method"] != "measured"]
-    assert {(r["subject"], r["condition"]) for r in rows} == {
-        (s, c) for s in ("1", "2") for c in ("A", "B")
-    }
+    assert {r["subject"] + r["condition"] for r in rows} == {"1A", "1B", "2A", "2B"}
     assert {r["run"] for r in rows} == {"", "1", "2"}
     own = {(r["condition"], r["model"]) for r in rows if r["run"]}
     assert own == {("A", "single"), ("B", "lead-lag")}
@@ -112,9 +110,8 @@ def test_every_fit_is_a_row(analysed: Path) -> None:
 @pytest.mark.long
 def test_every_run_is_predicted_by_the_fit_of_the_others(analysed: Path) -> None:
     rows = table(analysed / "left_out.csv")
-    assert [(r["subject"], r["condition"], r["run"]) for r in rows] == [
-        (s, c, run) for s in ("1", "2") for c in ("A", "B") for run in ("1", "2")
-    ]
+    every = ["1A1", "1A2", "1B1", "1B2", "2A1", "2A2", "2B1", "2B2"]
+    assert [r["subject"] + r["condition"] + r["run"] for r in rows] == every
     assert {(r["condition"], r["model"]) for r in rows} == {("A", "single"), ("B", "lead-lag")}
     assert all(20.0 < float(r["vaf"]) < 100.0 for r in rows)
     assert all(r["log_likelihood"] and r["outcome"] for r in rows)
@@ -158,6 +155,14 @@ def test_lost_fits_are_named_and_what_needs_no_model_stays(
     assert found.refused == [f"{file}: its process died (exit code 3)" for file in files]
     assert found.write().is_file()
     assert {*found.to_dataframe()["method"]} == {"measured"}
+
+
+def test_why_a_method_objects_is_said(small: Path, tmp_path: Path) -> None:
+    files, cut = small_files(small)[:1], Reading(span="0:40")
+    found = pilotid.analyse(files, PATTERN, "single", "fourier", out=tmp_path, reading=cut)
+    assert "subject 1 condition A: not applicable to this recording (ft is no" in str(found)
+    fits = found.to_dataframe().query("method == 'fourier'")
+    assert fits["remarks"].str.contains("recording (ft is no", regex=False).all()
 
 
 @pytest.mark.numerical

@@ -83,7 +83,7 @@ def made(
             "lower_95": value - 0.2, "upper_95": value + 0.2, "determined": "why" not in own,
             "left_out": own.get("why", ""), "otherwise": "", "run": None, "model": "single",
             "method": "mle", "element": "", "outcome": "converged", "usable": True, "vaf": 90.0,
-            "of_fit": [], "of_loops": [], **own,
+            "of_fit": [], "of_loops": [], "failure": "", **own,
         }  # fmt: skip
         other = {**row, "otherwise": "band", "value": value + 0.05}
         if "absent" not in own:

@@ -489,7 +489,7 @@ def _usual_near(error: FloatArray, drive: FloatArray, usual: float, dt: float) -
     busy = moved >= np.quantile(moved, 0.9)
     moved *= np.median(beside[busy] / (moved[busy] + 1e-300))
     always = max(usual, float(np.quantile(largest, 0.7)) / 3.0)
-    return np.maximum(always, np.minimum(beside, moved) / 0.6745)
+    return np.asarray(np.maximum(always, np.minimum(beside, moved) / 0.6745))
 
 
 def fingerprints(recording: Recording) -> tuple[str, ...]:

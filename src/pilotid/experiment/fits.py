@@ -90,6 +90,7 @@ def measured(recording: Recording) -> list[Content]:
     single = [rows.assign(value=value) for value in zip(*values, strict=True)] if runs > 1 else []
     facts: Content = {"kind": "measured", "model": "", "method": "measured", "outcome": "measured"}
     facts |= {"usable": True, "vaf": math.nan, "element": "", "of_fit": (), "of_loops": ()}
+    facts["failure"] = ""
     return [
         {"otherwise": "", "run": run or None, **facts, **row}
         for run, quantities in enumerate([whole, *single])
@@ -264,6 +265,7 @@ def _rows(estimate: Estimate, loops: Loops | None) -> list[Content]:
         method=estimate.method,
         outcome=estimate.outcome.slug,
         usable=estimate.outcome.usable,
+        failure="" if estimate.outcome.usable else estimate.sentence,
         vaf=estimate.vaf,
         element=loops.element.name if loops else "",
     )

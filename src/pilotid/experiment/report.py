@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -175,7 +175,8 @@ def fit_table(results: Results) -> Table:
     said = ["; ".join(f"[{r.code}] {r}" for r in gravest_first(of)) for of in fits["said"]]
     columns = ("recording", "model", "method", "runs", "vaf", "outcome", "remarks")
     caption = "Every recording, all runs together"
-    return frame_table(fits.assign(remarks=said), caption, columns, 1)
+    outcome = fits["outcome"].where(fits["failure"] == "", fits["failure"])
+    return frame_table(fits.assign(remarks=said, outcome=outcome), caption, columns, 1)
 
 
 def tables_tex(results: Results) -> str:
@@ -197,7 +198,13 @@ def filled(*tables: Table) -> list[Table]:
 
 
 def alarms(results: Results) -> Iterator[str]:
-    """How many remarks there are, each once a recording; the first of each grade and code."""
+    """Why fits failed; how many remarks there are, each once a recording; the first of each."""
+    lost = results.quantities[results.quantities["failure"] != ""]
+    place = lost["recording"] + (" run " + lost["run"].astype("string")).fillna("")
+    place += (" " + lost["otherwise"]).str.rstrip()
+    for (method, model, _), own in lost.groupby(["method", "model", "outcome"], sort=False):
+        where = _first(place[own.index].unique())
+        yield f"{model} by {method}, {where}: {own['failure'].iloc[0]}."
     fits = results.quantities[results.quantities["method"] != "measured"]
     said = fits[["recording", "said"]].explode("said").dropna().drop_duplicates()
     if len(said):
@@ -206,8 +213,12 @@ def alarms(results: Results) -> Iterator[str]:
     codes = grave["said"].map(lambda remark: (remark.grade, remark.code))
     firsts = {own.iloc[0]["said"]: own["recording"] for _, own in grave.groupby(codes, sort=False)}
     for first in gravest_first(firsts):
-        place, *others = firsts[first]
-        yield f"{first.line(place + (f', and {len(others)} more' if others else ''))}."
+        yield f"{first.line(_first(firsts[first]))}."
+
+
+def _first(places: Iterable[str]) -> str:
+    place, *others = places
+    return place + (f", and {len(others)} more" if others else "")
 
 
 def not_compared(results: Results) -> Iterator[str]:

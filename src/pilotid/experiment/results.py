@@ -144,7 +144,8 @@ class Results:
         Columns: file, the pattern's fields, `QUANTITY_COLUMNS`, the controlled element, kind (see
         `KINDS`), ``left_out``, ``otherwise`` (the other way in which it was fitted), ``chosen``
         (whether the model is that of the recording's own table), the recording in words and its
-        group, its number of runs, the fit's VAF and all `Remark`s on recording and fit (``said``).
+        group, its number of runs, the fit's VAF, all `Remark`s on recording and fit (``said``), and
+        why a fit failed (``failure``), empty if it did not.
         """
         rows, settings = list[Content](), self.settings
         for part, content in (*self.looks.items(), *self.fitted):
@@ -276,7 +277,7 @@ def _judged(settings: Settings, of_recording: Iterable[Sequence[str]], row: Cont
     no_value = [] if math.isfinite(row["value"]) else ["no value"]
     why = next(filter(None, [*unusable, *doubted, *no_value]), "")
     about = of_loops if row["kind"] == "loop" else _remarks(row["of_fit"])
-    words = [f"not counted: {why}"] if why else []
+    words = [f"not counted: {row['failure'] or why}"] if why else []
     return {"left_out": why, "said": said, "remarks": " | ".join([*words, *about])}
 
 
