@@ -12,7 +12,7 @@ from helpers import draws_at, estimate_at
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import identify
-from pilotid.estimate.warnings import all_remarks, one_signal, remarks_on
+from pilotid.estimate.warnings import all_remarks, unless_another, one_signal, remarks_on
 from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.model import PilotModel
@@ -150,7 +150,14 @@ def test_nothing_is_said_of_what_failed_or_means_nothing() -> None:
     assert remarks_on(replace(short, outcome=Outcome.NOT_CONVERGED)) == ()
     (remark,) = remarks_on(replace(short, vaf=10.0))
     assert (remark.code, remark.grade) == ("little-explained", "wrong")
-    assert "explains 10.0 %" in remark
+    assert "explains at most 10.0 %" in remark
+    assert remarks_on(replace(short, vaf=10.0), 0.0) == (remark,)  # as much as its VAF says
+    poor, good = replace(short, vaf=10.0, remarks=(remark,)), estimate_of(SINGLE)
+    ((mended,), *_) = (own.remarks for own in unless_another([poor, good]))
+    assert (mended.code, mended.grade) == ("little-explained", "wrong")
+    assert "from the same signals" in mended
+    assert "check whether" not in mended
+    assert [*unless_another([poor])] == [poor]
     # Where the forced part is explained a VAF of 10 % is no doubt, and one of 0 % is if that is
     # not explained clearly.
     sound = estimate_of(SINGLE)
