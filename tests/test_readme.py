@@ -35,6 +35,19 @@ def test_the_method_in_the_guide_keeps_what_methods_promise(tmp_path: Path) -> N
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.numerical
+def test_the_factor_in_the_guide_fits_what_its_model_made(tmp_path: Path) -> None:
+    text = (ROOT / "docs/guide/own.md").read_text(encoding="utf-8")
+    (own,) = re.findall(r"%%writefile smoothed.py\n(.*?)```", text, flags=re.DOTALL)
+    values = (0.16, 1.68, 0.2, 0.3, 12.0, 0.3)
+    check = f"""import numpy, pilotid; from dataclasses import replace
+pilot = replace(pilotid.SCENARIOS["single"], model=SMOOTHED, truth={values})
+fit = pilotid.identify("mle", pilotid.simulate(pilot, numpy.random.default_rng(1)), SMOOTHED)
+assert numpy.all(abs(fit.values - {values}) < 4 * fit.std_error), fit"""
+    done = python("-c", own + check, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
 def test_the_tables_are_those_of_the_reference() -> None:
     scores = front.reference()
     table = front.ranking(scores)

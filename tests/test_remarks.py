@@ -12,7 +12,7 @@ from helpers import draws_at, estimate_at
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.method import identify
-from pilotid.estimate.warnings import all_remarks, unless_another, one_signal, remarks_on
+from pilotid.estimate.warnings import all_remarks, one_signal, remarks_on, unless_another
 from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.model import PilotModel

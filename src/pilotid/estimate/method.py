@@ -22,7 +22,7 @@ from pilotid.checks.element_fit import ElementChoice, GivenElement, chosen_eleme
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.loops import Loops
 from pilotid.estimate.quantities import AnalysedBand
-from pilotid.estimate.warnings import all_remarks, unless_another, made_for, motionless_input
+from pilotid.estimate.warnings import all_remarks, made_for, motionless_input, unless_another
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import forcing_sines

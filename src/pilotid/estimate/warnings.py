@@ -125,10 +125,7 @@ def varying(model: PilotModel) -> str | None:
     """Why a method of constant pilots cannot treat a model: its parameters vary in time."""
     if not model.changes:
         return None
-    return (
-        f"model {model.name} varies in time, and this method assumes constant parameters; use mle, "
-        "or fit a constant model"
-    )
+    return f"model {model.name} varies in time, and this method assumes that it does not; use mle"
 
 
 def element_unknown(recording: Recording) -> str | None:
@@ -142,10 +139,7 @@ def looking_ahead(model: PilotModel) -> str | None:
     """Why a method of causal systems cannot treat a model: it sees the target ahead."""
     if not model.ahead:
         return None
-    return (
-        f"model {model.name} looks ahead, and this method is of systems that answer after their "
-        "input; use mle or fourier"
-    )
+    return f"model {model.name} looks ahead, which this method cannot do; use mle or fourier"
 
 
 def one_signal(recording: Recording, model: PilotModel) -> str | None:
@@ -197,14 +191,9 @@ def lines_objection(recording: Recording, model: PilotModel) -> str | None:
     for name in model.extra:
         values, noise = at_lines(recording, recording.input(name), every, lines)
         if np.mean(np.abs(values) ** 2) < CLEAR * np.mean(noise):
-            return (
-                f"{name} does not follow the forcing functions, so that their lines do not tell it"
-            )
+            return f"{name} does not follow the forcing functions: their lines do not tell it"
     if len(inputs) > 2 or (model.extra and "ft" in inputs):
-        return (
-            f"model {model.name} acts on {listed(inputs)}, which two forcing functions do not tell "
-            "apart"
-        )
+        return f"{listed(inputs)} are more inputs than two forcing functions tell apart"
     if len(inputs) == 2 and len(lines) < 2:
         return "two channels need both a target and a disturbance forcing function"
     if len(inputs) == 2 and not told_apart(recording):

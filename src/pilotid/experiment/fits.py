@@ -90,9 +90,8 @@ def measured(recording: Recording) -> list[Content]:
     single = [rows.assign(value=value) for value in zip(*values, strict=True)] if runs > 1 else []
     facts: Content = {"kind": "measured", "model": "", "method": "measured", "outcome": "measured"}
     facts |= {"usable": True, "vaf": math.nan, "element": "", "of_fit": (), "of_loops": ()}
-    facts["failure"] = ""
     return [
-        {"otherwise": "", "run": run or None, **facts, **row}
+        {"otherwise": "", "failure": "", "run": run or None, **facts, **row}
         for run, quantities in enumerate([whole, *single])
         for row in quantities.to_dict("records")
     ]

@@ -238,9 +238,12 @@ def not_compared(results: Results) -> Iterator[str]:
 
 def summary(results: Results) -> Iterator[str]:
     """What a reader must know first, a sentence each."""
-    p = results.contrasts["p_holm"]
-    if len(p):
-        yield f"{(p < LEVEL).sum()} of {len(p)} differences have p < {LEVEL:g} after Holm."
+    every = results.contrasts
+    found = every[every["p_holm"] < LEVEL].sort_values("p_holm")
+    what = (found["parameter"] + " of " + found["condition_a"] + ":" + found["condition_b"])[:3]
+    named = f", first {', '.join(dict.fromkeys(what))}" if len(found) else ""
+    if len(every):
+        yield f"{len(found)} of {len(every)} differences have p < {LEVEL:g} after Holm{named}."
     yield from (*alarms(results), *not_compared(results))
 
 
