@@ -19,6 +19,7 @@ from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.power import TTestPower
 
 from pilotid.estimate.quantities import SYMBOLS, symbol
+from pilotid.experiment import report
 from pilotid.experiment.comparisons import (
     anova,
     holm,
@@ -30,13 +31,7 @@ from pilotid.experiment.comparisons import (
 from pilotid.experiment.figures import figures, means_figure, responses_figure
 from pilotid.experiment.files import Part, pairs_of, with_factors
 from pilotid.experiment.fits import beside_others
-from pilotid.experiment.report import (
-    first_contrasts,
-    left_out_table,
-    means_tables,
-    summary,
-    tables_tex,
-)
+from pilotid.experiment.report import first_contrasts, left_out_table, means_tables, tables_tex
 from pilotid.experiment.results import Fitting, Results, Settings, choices_of
 from pilotid.likelihood.choice import Candidate
 from pilotid.model.catalogue import MODELS
@@ -107,7 +102,7 @@ def test_a_contrast_is_the_paired_t_test() -> None:
     assert (found["lower_95"], found["upper_95"]) == pytest.approx((low, high))
     assert found["wilcoxon_p"] == wilcoxon(np.subtract(B, A)).pvalue
     assert found["notes"] == ""
-    assert next(summary(made({"C1": A, "C2": B}))).endswith("Holm, first tlead of C1:C2.")
+    assert next(report.summary(made({"C1": A, "C2": B}))).endswith("Holm, first tlead of C1:C2.")
 
 
 def test_pairs_are_all_or_those_that_differ_in_one_factor_or_those_named() -> None:
@@ -136,9 +131,7 @@ def test_pairs_are_all_or_those_that_differ_in_one_factor_or_those_named() -> No
         ({"absent": True}, "no recording"),
     ],
 )
-def test_what_is_not_determined_or_wrong_does_not_count(
-    fault: Mapping[str, object], why: str
-) -> None:
+def test_what_does_not_count(fault: Mapping[str, object], why: str) -> None:
     faults = {("4", "C2"): fault}
     results = made({"C1": A, "C2": B}, faults)
     (found,) = results.contrasts.to_dict("records")

@@ -67,9 +67,7 @@ def test_pairs_that_cannot_be_told_apart_are_named_with_what_can_be_reported() -
 
 
 @pytest.mark.parametrize(("error", "correlation"), [(0.09, -0.99), (0.2, -0.94)])
-def test_pairs_that_are_known_or_hardly_correlated_are_not_named(
-    error: float, correlation: float
-) -> None:
+def test_pairs_known_or_hardly_correlated_are_not_named(error: float, correlation: float) -> None:
     errors = {"Kvis": error, "tlead": error}
     assert estimate_of(SINGLE, errors, ("Kvis", "tlead", correlation)).inseparable == []
 
@@ -89,8 +87,7 @@ def test_correlations_come_from_the_draws_where_there_are_some() -> None:
 
 def test_a_delay_that_people_do_not_have() -> None:
     (remark,) = remarks_on(estimate_of(SINGLE, tdvis=0.013))
-    assert remark.code == "outside-range"
-    assert remark.grade == "doubt"
+    assert (remark.code, remark.grade) == ("outside-range", "doubt")
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.7), "tdvis", 0.6, 0.8))
     assert (remark.code, remark.grade) == ("outside-range", "doubt")
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.09), "tdvis", 0.06, 0.12))
