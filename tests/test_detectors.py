@@ -15,13 +15,7 @@ from helpers import without_remnant
 
 import pilotid
 from pilotid.checks.checks import exchanged, remarks
-from pilotid.checks.detectors import (
-    Finding,
-    band_end,
-    copies_among,
-    findings,
-    fingerprints,
-)
+from pilotid.checks.detectors import Finding, band_end, copies_among, findings, fingerprints
 from pilotid.checks.plant import shifted
 from pilotid.datasets import POPULATIONS, SCENARIOS, simulate
 from pilotid.datasets.signals import Remnant

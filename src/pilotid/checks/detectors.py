@@ -350,8 +350,7 @@ def _late(name: str, other: str, late: float) -> Finding:
 
 def _answer(recording: Recording) -> Answered | None:
     """How much later x answers to u and fd than the element says that is named, or else shows."""
-    element = parsed_element(recording.controlled_element)
-    if element is not None:
+    if element := parsed_element(recording.controlled_element):
         return answered(spectra_of(recording), element)
     fits = fits_of(recording)
     best = simplest(fits) if fits else None

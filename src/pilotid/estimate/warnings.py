@@ -144,9 +144,8 @@ def looking_ahead(model: PilotModel) -> str | None:
 
 def one_signal(recording: Recording, model: PilotModel) -> str | None:
     """Why channels on error and output can hardly be told apart: there is no target."""
-    if not {channel.on for channel in model.channels} >= {"e", "x"}:
-        return None
-    if not is_absent(recording, recording.e + recording.x, recording.e):
+    both = {channel.on for channel in model.channels} >= {"e", "x"}
+    if not both or not is_absent(recording, recording.e + recording.x, recording.e):
         return None
     return _alike(model, "two channels act on one signal, as without a target e = -x")
 
@@ -154,10 +153,9 @@ def one_signal(recording: Recording, model: PilotModel) -> str | None:
 def black_box_objection(recording: Recording, model: PilotModel) -> str | None:
     """Why lagged signals do not tell a pilot: he changes, looks ahead, or has one input."""
     unsuited = varying(model) or looking_ahead(model) or dependent_signals(model)
-    if unsuited := unsuited or one_signal(recording, model):
+    unsuited = unsuited or one_signal(recording, model)
+    if unsuited or not is_gain(recording):
         return unsuited
-    if not is_gain(recording):
-        return None
     return (
         "the output follows the control at once (the controlled element is a gain), so that a "
         "black box finds the control in its own inputs"
@@ -313,9 +311,8 @@ def unless_another(estimates: Sequence[Estimate]) -> Iterator[Estimate]:
 
 def is_vague(estimate: Estimate) -> bool:
     """Whether a fit failed, or leaves a parameter poorly identified."""
-    if not estimate.outcome.usable:
-        return True
-    return bool(np.any(estimate.std_error > ESTIMATE.vague * np.abs(estimate.values)))
+    far = estimate.std_error > ESTIMATE.vague * np.abs(estimate.values)
+    return not estimate.outcome.usable or bool(far.any())
 
 
 def explained_of_forced(recording: Recording, estimate: Estimate) -> float | None:
