@@ -22,7 +22,7 @@ from pilotid.checks.element_fit import ElementChoice, GivenElement, chosen_eleme
 from pilotid.estimate.estimate import Estimate, Outcome, failed
 from pilotid.estimate.loops import Loops
 from pilotid.estimate.quantities import AnalysedBand
-from pilotid.estimate.warnings import all_remarks, made_for, motionless_input, unless_another
+from pilotid.estimate.warnings import all_remarks, made_for, motionless_input
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import forcing_sines
@@ -282,9 +282,8 @@ def fit_all(
     chosen = chosen_element(recording, element)
     closed = chosen.named_in(recording)
     with redirect_stdout(sys.stderr):  # what methods of others print is no part of an answer
-        estimates = [
+        estimates = tuple(
             replace(identify(method, closed, model, fit_rng(seed, label)), method=label)
             for label, method in methods.items()
-        ]
-    told = tuple(unless_another(estimates))
-    return Fitted(recording, model, told, chosen, (*remarks(closed), *chosen.remarks))
+        )
+    return Fitted(recording, model, estimates, chosen, (*remarks(closed), *chosen.remarks))

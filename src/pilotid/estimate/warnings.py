@@ -6,8 +6,7 @@ Methods object for the reasons; the codes of warnings are `pilotid.support.remar
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -214,11 +213,6 @@ LONGEST_TOLD = 300  # characters of remarks that a study keeps of a fit
 #: How many times those beside it, and what share of the target's rms, a step is that is a jump.
 JUMP = 10.0
 ZERO_VAF = 0.05  # %, of a VAF that is shown as 0.0 %
-#: What to do where nothing explains the control.
-WHAT_IS_WRONG = (
-    "check whether u, e and x belong together (one shifted in time, a wrong name, a wrong sign), "
-    "or choose another model"
-)
 
 
 def told(recording: Recording, estimate: Estimate) -> str:
@@ -277,13 +271,21 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
         return tuple(own)
     hidden = (explained or 0.0) >= ESTIMATE.surely_explained
     explained = estimate.vaf if explained is None else explained
-    if explained < ESTIMATE.least_vaf:
+    in_band = 100.0 * (1.0 - estimate.remnant.power_ratio) if estimate.remnant else 0.0
+    if explained < ESTIMATE.least_vaf and in_band < ESTIMATE.surely_explained:
         sentence = (
             f"the model explains at most {max(explained, estimate.vaf):.1f} % of the control, so "
-            f"the values mean nothing: {WHAT_IS_WRONG}"
+            "the values mean nothing: check whether u, e and x belong together (one shifted in "
+            "time, a wrong name, a wrong sign), or choose another model"
         )
         return (*own, Remark("little-explained", sentence))
-    if estimate.vaf < ZERO_VAF:
+    if explained < ESTIMATE.least_vaf:
+        sentence = (
+            f"the model explains {in_band:.0f} % of the control in the analysed band, and "
+            f"{estimate.vaf:.1f} % of all frequencies: noise of the recorder in e or x passes above"
+        )
+        own.append(Remark("little-explained", sentence, "note"))
+    elif estimate.vaf < ZERO_VAF:
         sentence = (
             "the simulated response explains nothing of the control (VAF 0 %): a slow remnant "
             f"hides it{'' if hidden else ', or the model is wrong'}; compare with other methods"
@@ -296,17 +298,6 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
         *(Remark("inseparable", pair.words) for pair in estimate.inseparable),
         *_not_determined(estimate),
     )
-
-
-def unless_another(estimates: Sequence[Estimate]) -> Iterator[Estimate]:
-    """Estimates of one recording; where one explains the control, the signals are not blamed."""
-    best = max(estimates, key=lambda e: e.vaf if e.outcome.usable else -math.inf)
-    cure = f"{best.method} explains {best.vaf:.0f} % of it from the same signals; use its values"
-    for own in estimates:
-        every = map(remark_of, own.remarks)
-        said = (Remark(r.code, r.replace(WHAT_IS_WRONG, cure), r.grade) for r in every)
-        known = best.outcome.usable and best.vaf >= ESTIMATE.surely_explained
-        yield replace(own, remarks=tuple(said)) if known else own
 
 
 def is_vague(estimate: Estimate) -> bool:
