@@ -224,12 +224,16 @@ def test_a_search_that_went_astray_begins_again(monkeypatch: pytest.MonkeyPatch)
         sought.append(len(candidates))
         return (astray_at if len(sought) == 1 else candidates), starts, check
 
-    right = found()
+    reached = [found().criterion]
     monkeypatch.setattr(search, "sweep", astray)
-    for most, apart in ((np.inf, True), (0.0, False)):
+    for most, sweeps in ((0.0, 2), (np.inf, 1)):
         monkeypatch.setattr(search, "MAX_DISPERSION", most)
         sought.clear()
-        assert (found().criterion > right.criterion + 10.0) is apart
+        reached.append(found().criterion)
+        assert len(sought) == sweeps
+    # Whether the second sweep finds the best of all is rounding's choice.
+    assert reached[0] < reached[2] - 10.0
+    assert reached[1] < reached[2] + 0.1
 
 
 def test_an_optimum_that_is_no_pilot_did_not_converge(monkeypatch: pytest.MonkeyPatch) -> None:
