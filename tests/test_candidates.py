@@ -104,6 +104,12 @@ def test_a_quick_lag_is_not_taken_for_one_that_outlasts_the_run_in(number: int) 
     assert abs(np.log(estimate["tlag"].value / truth["tlag"])) < np.log(1.5)
 
 
+def test_a_lag_that_ends_as_a_quick_one_has_no_free_decay() -> None:
+    recording, model, truth = of_stratum("other-models", 1020037)
+    low, high = identify(recording, model).intervals[model.index["tdt"]]
+    assert low < truth["tdt"] < high
+
+
 def test_a_band_that_is_asked_for_is_not_widened() -> None:
     bands = {fit_of(method_named(f"mle(band={band})"), SINGLE_LOOP).band for band in (15, 26)}
     highest = sorted(band.highest for band in bands if band is not None)

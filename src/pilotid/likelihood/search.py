@@ -136,13 +136,19 @@ def maximise_likelihood(
                 of_lag[outlasts] = whole.with_noticeable_terms(pilot, first.whitener)
         return [RemnantChoice(of_lag[outlasts], pilot, noise, check) for pilot, outlasts in lags]
 
+    def fitted(choice: RemnantChoice) -> Optimum:
+        """Its best fit, again with other terms where the lag ends as one of the other kind."""
+        fit = choice.full_fit()
+        own = choices([fit.pilot], choice.noise)[0]
+        return fit if own.prediction is choice.prediction else own.full_fit()
+
     # The lines' pilot rests on no model of the remnant.
     likely = _likely(choices([*candidates, *lines], settings.noise))
-    best, others = _best_and_others([choice.full_fit() for choice in likely])
+    best, others = _best_and_others([fitted(choice) for choice in likely])
     if settings.noise is None and not len(lines) and best.dispersion > MAX_DISPERSION:
         # What was not likely beside the remnant of the first pilot may be so beside that of this.
         pilots = [pilot for pilot in sweep(best, rng, lines)[0] if not best.is_near(pilot)]
-        best, others = _best_and_others([best, *(c.full_fit() for c in choices(pilots, None))])
+        best, others = _best_and_others([best, *(fitted(c) for c in choices(pilots, None))])
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
     for _ in range(4):
         other = whole.with_noticeable_terms(best.pilot, best.whitener)
