@@ -147,6 +147,10 @@ def test_copies_are_found_among_recordings_and_nothing_else() -> None:
     said = copies_among([*"abcdef"], [fingerprints(r) for r in every])
     graded = {i: [(r.code, r.grade) for r in told] for i, told in said.items()}
     assert graded == {i: [("copied-run", "wrong")] for i in (2, 4)}
+    runs = simulate(replace(SCENARIOS["nominal"], runs=3), np.random.default_rng(7))
+    assert not [f for f in findings(runs) if f.code == "copied-run"]
+    found = of(replace(runs, u=runs.u[[0, 1, 0]]), "u", "copied-run")
+    assert "runs 1 and 3" in found.sentence
 
 
 def test_a_target_that_jumps_is_no_slow_recorder() -> None:

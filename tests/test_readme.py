@@ -32,11 +32,8 @@ def test_the_method_and_the_factor_in_the_guide_work(name: str, tmp_path: Path) 
     (own,) = re.findall(rf"%%writefile {name}.py\n(.*?)```", text, flags=re.DOTALL)
     (check,) = re.findall(r"```\{code-cell\}\n(from pilotid.testing.*?)```", text, flags=re.DOTALL)
     if name == "smoothed":
-        check = (
-            "import numpy, pilotid; from dataclasses import replace; from smoothed import SMOOTHED"
-        )
-        check += """
-true = 0.16, 1.68, 0.2, 0.3, 12.0, 0.3
+        check = """import numpy, pilotid; from dataclasses import replace
+from smoothed import SMOOTHED; true = 0.16, 1.68, 0.2, 0.3, 12.0, 0.3
 pilot = replace(pilotid.SCENARIOS["single"], model=SMOOTHED, truth=true)
 fit = pilotid.identify("mle", pilotid.simulate(pilot, numpy.random.default_rng(1)), SMOOTHED)
 assert numpy.all(abs(fit.values - true) < 4 * fit.std_error), fit"""

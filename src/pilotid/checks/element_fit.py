@@ -156,15 +156,18 @@ def _against(element: ControlledElement, fit: FormFit, left: float, is_forced: b
 def confirmed_element(recording: Recording) -> ControlledElement | None:
     """The element that the file names, where its signals follow it closely; else None."""
     named = parsed_element(recording.controlled_element)
+    if named is None:
+        return None
     with np.errstate(all="ignore"):  # signals that do not move, which tell nothing
-        left = spectra_of(recording).unexplained(named) if named else math.inf
+        left = spectra_of(recording).unexplained(named)
     return named if left <= 0.5 * ELEMENT.different else None
 
 
 def unexplained(recording: Recording) -> Remark | None:
     """A doubt where x is the answer to u + fd by no element of low order."""
-    is_known = recording.fd is None or confirmed_element(recording)
-    choice = ElementChoice() if is_known else identified_element(recording)
+    if recording.fd is None or confirmed_element(recording):
+        return None
+    choice = identified_element(recording)
     is_left = choice.left > ELEMENT.unexplained
     return Remark("output-unrelated", choice.why, "doubt") if is_left else None
 

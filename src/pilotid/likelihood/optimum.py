@@ -286,7 +286,7 @@ class Optimum:
         seconds = prediction.runs * prediction.scored * prediction.dt
         return (1.0 + BARTLETT_SECONDS / seconds) * self.dispersion
 
-    @property
+    @cached_property
     def information(self) -> FloatArray:
         """Information of pilot and remnant at unit variance, shape (parameters, parameters).
 
