@@ -21,6 +21,7 @@ from pilotid.likelihood.profile import (
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods.mle import MLE
 from pilotid.model.factors import Parameter
+from pilotid.recording.spectra import jumps_of
 from pilotid.solve.intervals import Profile, profile_intervals
 from pilotid.solve.least_squares import Box, Minima, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, recording_rng
@@ -185,3 +186,14 @@ def test_what_lies_at_a_bound_need_not_be_curved() -> None:
     end.values[0, damping] = model.lower[damping]
     assert (np.diag(replace(found, end=end).covariance) > 0.0).all()
     assert profile_about(replace(found, end=end)) is not None
+
+
+def test_intervals_hold_jumps_at_samples_and_half_way_before() -> None:
+    scenario = replace(SCENARIOS["target-step"], remnant=replace(NOMINAL.remnant, level=0.1))
+    recording = recording_of(scenario)
+    time = recording.time + 1e-9
+    target = np.select([time < 0.0, time < 0.5 * scenario.duration], [0.0, 1.0], -1.0)[None]
+    sharp = replace(recording, ft=target, e=target - recording.x)
+    assert jumps_of(sharp)[jumps_of(sharp) != 0.0].tolist() == [1.0, -2.0]
+    estimate = MLE().fit(sharp, scenario.model, np.random.default_rng(1))
+    assert (np.abs(estimate.values - scenario.values) < 3.0 * estimate.std_error).all()

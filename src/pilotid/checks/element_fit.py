@@ -85,14 +85,22 @@ def identified_element(recording: Recording) -> ElementChoice:
     if not fits:
         return ElementChoice(why="no form of element suits control and output")
     chosen = simplest([fit for fit in fits if _is_steerable(fit)] or fits)
+    # Drift of x makes slow unstable poles, where no simpler form is like the best.
+    stable = [
+        f
+        for f in fits
+        if f.form.size <= chosen.form.size and _is_steerable(f, ELEMENT.slowest_pole)
+    ]
+    if stable and not _is_steerable(chosen, ELEMENT.slowest_pole):
+        chosen = simplest(stable)
     element = element_named(chosen.form.name(rounded(chosen.values, chosen.covariance)))
     left = math.sqrt(1.0 - 0.01 * chosen.explained)
     why = _against(element, chosen, left, recording.fd is not None)
     return ElementChoice(element, SIGNALS, why, left=left)
 
 
-def _is_steerable(fit: FormFit) -> bool:
-    """Whether people can keep a loop with the element stable.
+def _is_steerable(fit: FormFit, slowest_pole: float = 0.0) -> bool:
+    """Whether people can keep a loop with the element stable, with no slower unstable pole [rad/s].
 
     With a zero z and a pole p in the right half-plane the sensitivity is at least
     (z + p)/|z - p| somewhere, and its complement e^(p delay) with a delay (Skogestad &
@@ -101,7 +109,9 @@ def _is_steerable(fit: FormFit) -> bool:
     """
     every = (np.roots(polynomial) for polynomial in fit.form.polynomials(fit.values))
     zero, pole = (roots.real[roots.real > 0.0] for roots in every)
-    if np.any(zero < ELEMENT.slowest_zero) or np.any(pole > ELEMENT.fastest_pole):
+    if np.any(zero < ELEMENT.slowest_zero):
+        return False
+    if np.any((pole < slowest_pole) | (pole > ELEMENT.fastest_pole)):
         return False
     if np.any(pole * fit.values[-1] > math.log(ELEMENT.sensitivity)):
         return False

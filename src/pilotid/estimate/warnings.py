@@ -27,6 +27,7 @@ from pilotid.recording.spectra import (
     NotMultisineError,
     at_lines,
     forcing_lines,
+    jumps_of,
     known_lines,
     told_apart,
 )
@@ -210,8 +211,6 @@ LEFT_OPEN = ("inseparable", "not-determined")
 
 
 LONGEST_TOLD = 300  # characters of remarks that a study keeps of a fit
-#: How many times those beside it, and what share of the target's rms, a step is that is a jump.
-JUMP = 10.0
 ZERO_VAF = 0.05  # %, of a VAF that is shown as 0.0 %
 
 
@@ -245,11 +244,7 @@ def _jumps(estimate: Estimate, recording: Recording) -> Remark | None:
     errors = estimate.std_error[list(estimate.model.delays)]
     if not estimate.outcome.usable or not (errors < ESTIMATE.of_sample * recording.dt).any():
         return None
-    target = recording.input("ft")
-    steps = np.abs(np.diff(target, axis=1))
-    beside = np.pad(steps, ((0, 0), (1, 1)))
-    jumps = steps > JUMP * np.maximum(beside[:, :-2], beside[:, 2:])
-    if not (jumps & (steps > np.std(target) / JUMP)).any():
+    if not jumps_of(recording).any():
         return None
     return Remark(
         "late-signal",

@@ -449,7 +449,7 @@ class _Judged:
         sentence = f"{self.taken} was chosen among {listed(names)} {where} ({judge})."
         above = [(n, self.left[n] - self.left[self.taken]) for n in names if n != self.taken]
         if above:
-            sizes = ", ".join(f"{name} {size:.0f}" for name, size in above)
+            sizes = ", ".join(f"{n} {s:.0f}" if s < 1e6 else f"{n} over 1e6" for n, s in above)
             sentence += f" The others' {what}, less that of {self.taken}: {sizes}."
         if lost := [name for name in self.names if name not in names]:
             sentence += f" Not credible, with a VAF more than {LOST:g} points below the best: "

@@ -55,6 +55,7 @@ from pilotid.likelihood.remnant_models import (
 from pilotid.model.factors import Lag, Lead
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
+from pilotid.recording.spectra import jumps_of
 from pilotid.solve.intervals import with_information
 from pilotid.solve.least_squares import Minima, draw_starts, minimise, search, solve_linear
 from pilotid.spectral.equations import fit_lines
@@ -164,7 +165,27 @@ def maximise_likelihood(
     if np.any(ordered != best.pilot):
         best = best.restarted_at(np.concatenate([ordered, best.values[len(ordered) :]]))
     end = with_information(best.end, best.joint.gram)
-    return replace(best, end=end, starts=starts, lines_pilot=[*lines], others=others)
+    best = replace(best, end=end, starts=starts, lines_pilot=[*lines], others=others)
+    return replace(best, rivals=[*best.rivals, *_with_jumps_at_samples(best, recording)])
+
+
+def _with_jumps_at_samples(best: Optimum, recording: Recording) -> list[Optimum]:
+    """The fit beside it of a target that jumps; none where it does not.
+
+    Transforms take a jump between two samples for one half-way between them.  One at the later
+    sample, as of a computer that holds its target, is half done there.
+    """
+    half = 0.5 * jumps_of(recording)
+    if not half.any():
+        return []
+    target = None if recording.ft is None else recording.ft - half
+    later = replace(recording, e=recording.e - half, ft=target)
+    prediction, model = best.joint.prediction, best.joint.prediction.model
+    inputs = predict(later, model, prediction.band.limit, fast=True)
+    prediction = replace(prediction, spectra=inputs.spectra, fine=inputs.fine)
+    joint = Likelihood(prediction, best.joint.noise)
+    end = with_information(descend(joint, best.values[None], COMPARED_TOLERANCE), joint.gram)
+    return [replace(best, joint=joint, end=end)]
 
 
 def maxima_from(

@@ -37,6 +37,8 @@ ABSENT_LINE = 0.05
 ALIKE = 0.1  # share in which a line of both functions may go together over the runs
 FEWEST_LINES = 5  # lines of a target that tell which signal is which
 BESIDE = 8  # bins beside a line that tell leakage and noise in it
+#: How many times those beside it, and what share of the target's rms, a step is that is a jump.
+JUMP = 10.0
 #: Bins that tell of a forcing function that was not recorded, how many times the median beside it
 #: each is in one run, and how many times it the others are that it has.
 FEWEST_HIDDEN, HIDDEN, AMONG = 3, 20.0, 8.0
@@ -284,6 +286,16 @@ def at_lines(
     values, beside = spectrum[:, lines], spectrum[:, np.take_along_axis(around, order, axis=1)]
     noise = np.mean(np.var(beside, axis=2), axis=0) + 1e-12 * np.max(np.abs(values)) ** 2
     return values - beside.mean(axis=2), noise
+
+
+def jumps_of(recording: Recording) -> FloatArray:
+    """By how much the target jumps just before each sample, shape (runs, samples); else zeros."""
+    target = recording.input("ft")
+    steps = np.diff(target, axis=1, prepend=target[:, :1])
+    size = np.abs(steps)
+    beside = np.pad(size, ((0, 0), (1, 1)))
+    is_jump = size > JUMP * np.maximum(beside[:, :-2], beside[:, 2:])
+    return np.where(is_jump & (size > np.std(target) / JUMP), steps, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -464,7 +464,9 @@ def profile_intervals(
     reached_end &= (points[np.arange(2 * count), which] - best[0, which]) * side >= 0.0
     ends = points[np.arange(2 * count), which]
     least = lowest - 0.2 * variance  # what is lower takes the minimum's place
-    known = ends.reshape(2, count).T
+    # Beside it, where it is refused, what was not reached is not known.
+    known = np.where(reached_end, ends, np.where(side < 0.0, lower[which], upper[which]))
+    known = known.reshape(2, count).T
     if not np.nanmin(search.costs) < least:
         for i in np.flatnonzero(~reached_end):
             ends[i] = search.end(int(which[i]), float(target[i]), best[0], lowest, closest[i])

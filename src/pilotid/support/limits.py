@@ -20,7 +20,8 @@ class RecorderLimits(NamedTuple):
     lines: tuple[float, float] = (80.0, 60.0)  # dB, of a line over its surroundings (78, 69)
     goes_on: float = -15.0  # dB in half an octave: a fall begins where it gets as steep
     grid: float = 8.0  # mean difference over that of the smallest phase (5.6)
-    slowest: float = 4.0  # Hz, of a recorder
+    slowest_zero: float = 0.5  # rad/s, of the right half-plane beside which people cross over
+    slowest_pole: float = 0.25  # rad/s, of the right half-plane that is no drift of x
     coarse: float = 0.2  # step over rms from which rounding hides movements
     again: float = 1e-3  # of its rms, by which a forcing function differs when it begins again
     own: float = 3e-5  # rms of e - (ft - x) over that of e (1e-15); files of 5 decimals reach it
@@ -90,6 +91,7 @@ class ElementLimits(NamedTuple):
     known: float = 0.1
     unexplained: float = 0.1
     slowest_zero: float = 0.5  # rad/s, of the right half-plane beside which people cross over
+    slowest_pole: float = 0.25  # rad/s, of the right half-plane that is no drift of x
     fastest_pole: float = 8.0  # rad/s, of an element that people stabilise (Jex 1966: 6)
     sensitivity: float = 4.0  # largest, of a loop that people close
     #: rms of the relative difference of two responses from which they are different elements; a
@@ -107,7 +109,7 @@ class EstimateLimits(NamedTuple):
     #: in 14,000 an offset of u by a tenth of its rms moved estimates by up to 2 claimed errors.
     noticeable: float = 0.01
     misspecified: float = 1e-3  # p-value: doubt (5 of 800 sound fits)
-    of_sample: float = 0.01  # error of a delay [samples] that a jump of the target forbids
+    of_sample: float = 0.15  # error of a delay [samples] that a jump of the target forbids
     other_optimum: float = 3.0  # standard errors by which another optimum differs
     surely_misspecified: float = 1e-4  # p-value: wrong (2 of 800 sound fits)
     moved: float = 3.0  # errors, by which the forcing functions then move a parameter (sound: 2.3)
