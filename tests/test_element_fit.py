@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -124,12 +125,12 @@ def test_noise_on_the_output_costs_accuracy_not_the_form(text: str) -> None:
 @pytest.mark.parametrize("text", ["10/s", "4/s^2", "8/(s(s+2))"])
 def test_noise_of_the_control_makes_no_element_that_people_cannot_hold(text: str) -> None:
     true = element_named(text)
-    for seed in range(12):
+    for seed, (share, fastest) in product(range(12), [(0.05, np.inf), (0.1, 1.0)]):
         u, x = driven(true, 30.0, seed)
         noise = np.random.default_rng(seed).standard_normal(u.shape)
-        found = identified_element(Recording(dt=DT, e=-x, u=u + 0.05 * u.std() * noise, x=x))
+        found = identified_element(Recording(dt=DT, e=-x, u=u + share * u.std() * noise, x=x))
         assert found.element is not None
-        unstable = [p.real for p in np.roots(found.element.denominator) if p.real > 1.0]
+        unstable = [p.real for p in np.roots(found.element.denominator) if 0.0 < p.real < fastest]
         assert not unstable, found.element.name
 
 

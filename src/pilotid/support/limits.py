@@ -21,7 +21,7 @@ class RecorderLimits(NamedTuple):
     goes_on: float = -15.0  # dB in half an octave: a fall begins where it gets as steep
     grid: float = 8.0  # mean difference over that of the smallest phase (5.6)
     slowest_zero: float = 0.5  # rad/s, of the right half-plane beside which people cross over
-    slowest_pole: float = 0.25  # rad/s, of the right half-plane that is no drift of x
+    slowest_pole: float = 0.6  # rad/s, of the right half-plane that is no drift of x
     coarse: float = 0.2  # step over rms from which rounding hides movements
     again: float = 1e-3  # of its rms, by which a forcing function differs when it begins again
     own: float = 3e-5  # rms of e - (ft - x) over that of e (1e-15); files of 5 decimals reach it
@@ -91,7 +91,7 @@ class ElementLimits(NamedTuple):
     known: float = 0.1
     unexplained: float = 0.1
     slowest_zero: float = 0.5  # rad/s, of the right half-plane beside which people cross over
-    slowest_pole: float = 0.25  # rad/s, of the right half-plane that is no drift of x
+    slowest_pole: float = 0.6  # rad/s, of the right half-plane that is no drift of x
     fastest_pole: float = 8.0  # rad/s, of an element that people stabilise (Jex 1966: 6)
     sensitivity: float = 4.0  # largest, of a loop that people close
     #: rms of the relative difference of two responses from which they are different elements; a
