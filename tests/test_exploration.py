@@ -197,11 +197,11 @@ def test_who_explains_far_less_than_the_lines_pilot_does_not_follow() -> None:
     own, idle = judged.explained(np.array([TRUTH, IDLE]))
     assert 0.6 < own < 1.0  # a remnant of 20 % or less is left
     assert idle < MIN_VAF_RATIO * own
-    np.testing.assert_array_equal(judged(np.array([TRUTH, IDLE])), [True, False])
+    np.testing.assert_array_equal(judged.ranks(np.array([TRUTH, IDLE])), [3, 0])
     # What stands behind the pilot's parameters is not looked at.
     behind = np.hstack([np.array([TRUTH, IDLE]), np.full((2, 3), np.nan)])
-    np.testing.assert_array_equal(judged(behind), [True, False])
-    assert following(np.zeros((0, len(TRUTH))))(np.array([TRUTH, IDLE])).all()
+    np.testing.assert_array_equal(judged.ranks(behind), [3, 0])
+    assert (following(np.zeros((0, len(TRUTH)))).ranks(np.array([TRUTH, IDLE])) == 3).all()
     # Such ends are left out unless none follows.
     ends = minima_at(np.array([IDLE, TRUTH]), np.array([1.0, 2.0]))
     np.testing.assert_array_equal(judged.which(ends), [1])
@@ -238,7 +238,7 @@ def test_a_search_that_went_astray_begins_again(monkeypatch: pytest.MonkeyPatch)
 
 def test_an_optimum_that_is_no_pilot_did_not_converge(monkeypatch: pytest.MonkeyPatch) -> None:
     assert fit_of(MLE(), NOMINAL).outcome is Outcome.CONVERGED
-    monkeypatch.setitem(PilotCheck.__call__.__kwdefaults__, "ratio", 2.0)
+    monkeypatch.setattr(PilotCheck, "ranks", lambda _, sets: np.zeros(len(sets), dtype=int))
     refused = fit_of(MLE(), NOMINAL), fit_of(Bayes(), NOMINAL)
     assert {estimate.outcome for estimate in refused} == {Outcome.CONTRADICTED}
     assert refused[1].draws is None  # which takes its time

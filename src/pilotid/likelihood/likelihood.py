@@ -17,7 +17,7 @@ from functools import cached_property, reduce
 import numpy as np
 
 from pilotid.likelihood.prediction import Prediction
-from pilotid.likelihood.remnant_models import WHITE, NoiseModel, are_invertible
+from pilotid.likelihood.remnant_models import WHITE, NoiseModel, are_invertible, bounds_of
 from pilotid.solve.least_squares import Problem
 from pilotid.support.types import ComplexArray, FloatArray
 
@@ -55,8 +55,9 @@ class Likelihood(Problem):
         self.block = (prediction.binned if adjoint else prediction).block
         model = prediction.model
         self.pilot_count = len(model.parameters)
-        self.lower, self.upper = np.hstack([[model.lower, model.upper], noise.bounds])
-        self.positive = np.concatenate([model.positive, noise.positive])
+        bounds = bounds_of(noise)
+        self.lower, self.upper = np.hstack([[model.lower, model.upper], bounds])
+        self.positive = np.concatenate([model.positive, bounds[0] > 0.0])
         self._latest: tuple[FloatArray, tuple[FloatArray, FloatArray]] | None = None
 
     @cached_property
@@ -70,7 +71,7 @@ class Likelihood(Problem):
         return self.prediction.samples if self.band_terms is None else self.band_terms.residuals
 
     def taps(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whitening filters of parameter sets, and their slopes, see `RemnantFamily.taps`."""
+        """Whitening filters of parameter sets, and their slopes, see `LowPass.taps`."""
         # Rows, what is outside and the log-determinant ask for those of one array in turn.
         if self._latest is None or self._latest[0] is not values:
             self._latest = values, self.noise.taps(values[:, self.pilot_count :], self.band)
@@ -89,7 +90,15 @@ class Likelihood(Problem):
         Array of shape (sets, parameters + 1, runs, scored).
         """
         prediction = self.prediction
-        return prediction.without_nuisance(prediction.samples_of(self._spectra(values)))
+        taps, slopes = self.taps(values)
+        spectra = prediction.row_spectra(values[:, : self.pilot_count], between=slopes.shape[1])
+        if taps.shape[-1] > 1:
+            residual = spectra[:, -1:]
+            filters = prediction.filter_response(np.concatenate([slopes, taps[:, None]], axis=1))
+            np.multiply(filters[:, :-1, None], -residual, out=spectra[:, self.pilot_count : -1])
+            spectra[:, : self.pilot_count] *= filters[:, -1:, None]
+            residual *= filters[:, -1:, None]
+        return prediction.without_nuisance(prediction.samples_of(spectra))
 
     def products(self, values: FloatArray) -> FloatArray:
         """Inner products of `rows`, see `Problem.products`; in a band those of its likelihood."""
@@ -188,20 +197,6 @@ class Likelihood(Problem):
     def scaling(self, values: FloatArray) -> float:
         """The factor of the likelihood on squares of prediction errors; 1 without a band."""
         return math.exp(2.0 * self.log_determinant(values) / self.residuals)
-
-    def _spectra(self, values: FloatArray) -> ComplexArray:
-        """The transforms of `rows` before nuisance terms are projected out."""
-        prediction = self.prediction
-        taps, slopes = self.taps(values)
-        spectra = prediction.row_spectra(values[:, : self.pilot_count], between=slopes.shape[1])
-        if taps.shape[-1] == 1:
-            return spectra
-        residual = spectra[:, -1:]
-        filters = prediction.filter_response(np.concatenate([slopes, taps[:, None]], axis=1))
-        np.multiply(filters[:, :-1, None], -residual, out=spectra[:, self.pilot_count : -1])
-        spectra[:, : self.pilot_count] *= filters[:, -1:, None]
-        residual *= filters[:, -1:, None]
-        return spectra
 
     def last(self, values: FloatArray) -> FloatArray:
         """Inner products of the prediction error with all rows, its own last, by the adjoint.

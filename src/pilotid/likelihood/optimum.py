@@ -92,30 +92,32 @@ class PilotCheck:
         left = coarse.samples_of(residual)
         return np.asarray(1.0 - np.sum(left**2, axis=(1, 2)) / self._total)
 
-    def __call__(
-        self, sets: FloatArray, *, in_loop: bool = False, ratio: float = MIN_VAF_RATIO
-    ) -> BoolArray:
-        """Which parameters pass, the pilot's first, shape (sets,), by the share as in `explained`.
+    def ranks(self, sets: FloatArray) -> IntArray:
+        """3 for what explains as much as is usual, 2 for a pilot, 1 for one in its loop, else 0.
 
-        It must reach a ratio of that of the lines' pilot.  In the loop none at a bound passes:
-        subject gy has such ones with `pursuit`.
+        Of sets of parameters, the pilot's first, shape (sets,).  The share as in `explained` must
+        reach a ratio of that of the lines' pilot.  In the loop none at a bound passes: subject gy
+        has such ones with `pursuit`.
         """
         model, weighting = self._coarse.model, self._coarse.weighting
-        in_loop = in_loop or self._hidden
         pilots = sets[:, : len(model.parameters)]
-        explained = self.explained(pilots, in_loop=in_loop)
-        passed = (explained > 0.0) & (explained >= ratio * self._shares[in_loop])
-        if in_loop:
-            passed &= ~is_at_bound(model, pilots).any(axis=1)
-        if weighting is not None:
-            passed &= are_stable(model, pilots, weighting.element)
-        return np.asarray(passed)
+        stable = weighting is None or are_stable(model, pilots, weighting.element)
+        inside = ~is_at_bound(model, pilots).any(axis=1)
+
+        def passed(ratio: float, *, in_loop: bool) -> BoolArray:
+            explained = self.explained(pilots, in_loop=in_loop)
+            reached = (explained > 0.0) & (explained >= ratio * self._shares[in_loop])
+            return np.asarray(reached & stable & (inside | (not in_loop)))
+
+        usual = passed(USUAL_VAF_RATIO, in_loop=self._hidden)
+        pilot = passed(MIN_VAF_RATIO, in_loop=self._hidden)
+        credible = pilot | passed(MIN_VAF_RATIO, in_loop=True)
+        return np.asarray(np.sum([usual, pilot, credible], axis=0))
 
     def which(self, ends: Minima) -> IntArray:
-        """Indices of the ends that explain as much as is usual, or else pass, or else of all."""
-        kept = self(ends.values, ratio=USUAL_VAF_RATIO)
-        kept = kept if kept.any() else self(ends.values)
-        return np.flatnonzero(kept if kept.any() else ~kept)
+        """Indices of the ends that explain as much as is usual, or else are pilots, or else all."""
+        ranks = np.maximum(self.ranks(ends.values), 1)
+        return np.flatnonzero(ranks == ranks.max())
 
 
 #: Statistics: by which another optimum's criterion may be higher to compete: more than the 3.84 of
@@ -211,24 +213,15 @@ class Optimum:
         """Whether a pilot, shape (parameters,), differs by no more than its errors."""
         return self.end.apart(pilot, self.joint.residuals) <= SAME_OPTIMUM_DISTANCE
 
-    @cached_property
-    def is_pilot(self) -> bool:
-        """Whether it can be a pilot, see `PilotCheck`."""
-        return self.check is None or bool(self.check(self.pilot[None])[0])
-
     @property
     def is_credible(self) -> bool:
-        """Whether it can be one, as it is simulated or in its loop."""
-        if self.check is None or self.is_pilot:
-            return True
-        return bool(self.check(self.pilot[None], in_loop=True)[0])
+        """Whether it can be a pilot, as it is simulated or in its loop."""
+        return self.rank > 0
 
     @cached_property
     def rank(self) -> int:
-        """3 for one that explains as much as is usual, 2 for a pilot, 1 if it is credible, or 0."""
-        pilot = self.pilot[None]
-        usual = self.check is None or bool(self.check(pilot, ratio=USUAL_VAF_RATIO)[0])
-        return usual + self.is_pilot + self.is_credible
+        """See `PilotCheck.ranks`; 3 where that was not asked."""
+        return 3 if self.check is None else int(self.check.ranks(self.pilot[None])[0])
 
     @property
     def is_slow(self) -> bool:

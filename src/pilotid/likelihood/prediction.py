@@ -16,7 +16,7 @@ from functools import cached_property, reduce
 import numpy as np
 
 from pilotid.likelihood.band_likelihood import BandTerms, Weighting, group_begins
-from pilotid.likelihood.prepare import FAR, REACH, Band, Window, window_of
+from pilotid.likelihood.prepare import FAR, Band, Window, window_of
 from pilotid.model.channel import Changing, Channel
 from pilotid.model.factors import Evaluated, Response
 from pilotid.model.model import PilotModel
@@ -24,7 +24,7 @@ from pilotid.recording.recording import Recording
 from pilotid.solve.least_squares import BLOCK
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit
-from pilotid.support.types import BoolArray, ComplexArray, FloatArray
+from pilotid.support.types import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -471,23 +471,22 @@ class Prediction:
         weights, terms = np.full(len(groups), np.sqrt(2.0 / scored)), self.band_terms
         if self.weighting is not None:
             weights *= np.sqrt(self.weighting.weights(middle))
+        used = weights > 0.0
         return replace(
             self,
-            s=1j * middle,
-            spectra=tuple(spectra[:-1]),
-            control_spectrum=spectra[-1],
+            s=1j * middle[used],
+            spectra=tuple(spectra[:-1, :, used]),
+            control_spectrum=spectra[-1][:, used],
             nuisance_poles=(),
-            weights=weights,
+            weights=weights[used],
             counted=self.runs * scored if terms is None else terms.residuals,
-        )._with(weights > 0.0)
+        )
 
     def below(self, band: float) -> Prediction:
         """Few frequencies without those above one [rad/s]; any other prediction as it is."""
-        return self if self.weights is None else self._with(self.s.imag < band)
-
-    def _with(self, chosen: BoolArray) -> Prediction:
-        """The same with some of few frequencies alone."""
-        assert self.weights is not None
+        if self.weights is None:
+            return self
+        chosen = self.s.imag < band
         return replace(
             self,
             s=self.s[chosen],
@@ -500,22 +499,15 @@ class Prediction:
         """Response of moving-average filters at the bins, shape (..., bins)."""
         count = taps.shape[-1]
         # Taps are real: so are the products, of real and imaginary parts side by side.
-        flat = taps.reshape(-1, count) @ self.shifts(count).view(float)
+        flat = taps.reshape(-1, count) @ self.shifts[:count].view(float)
         return np.asarray(flat.view(complex).reshape(*taps.shape[:-1], self.s.size))
 
-    def shifts(self, count: int) -> ComplexArray:
-        """Responses of delays by 0 to `count` - 1 samples at the bins, shape (count, bins)."""
-        reach = REACH if count <= REACH + 1 else FAR  # all take memory
-        if reach not in self._shifts:
-            powers = np.ones((reach + 1, self.s.size), dtype=complex)
-            powers[1:] = np.exp(-self.s * self.dt)
-            self._shifts[reach] = np.asarray(np.cumprod(powers, axis=0), dtype=complex)
-        return self._shifts[reach][:count]
-
     @cached_property
-    def _shifts(self) -> dict[int, ComplexArray]:
-        """Responses that are known, by the longest delay in samples."""
-        return {}
+    def shifts(self) -> ComplexArray:
+        """Responses of delays by 0 to `FAR` samples at the bins, shape (FAR + 1, bins)."""
+        powers = np.ones((FAR + 1, self.s.size), dtype=complex)
+        powers[1:] = np.exp(-self.s * self.dt)
+        return np.asarray(np.cumprod(powers, axis=0), dtype=complex)
 
     @property
     def nuisance_terms(self) -> FloatArray:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import product
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -26,79 +26,32 @@ from pilotid.support.types import BoolArray, FloatArray
 BOUNDS = {"frequency": (0.2, 200.0), "damping": (0.05, 5.0), "corner": (0.05, 10.0)}
 
 
-class RemnantFamily(Protocol):
-    """A family of remnant spectra, up to the power, which is estimated apart.
-
-    Attributes
-    ----------
-    regressive
-        Whether its parameters are coefficients of the residual's own past.
-    """
-
-    regressive: bool = False
-
-    @property
-    def name(self) -> str:
-        """What it is called."""
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Names of its parameters."""
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Lower and upper bounds, shape (2, parameters)."""
-        bounds = [BOUNDS.get(key, (-np.inf, np.inf)) for key in self.keys]
-        return np.array(bounds).reshape(-1, 2).T
-
-    @property
-    def positive(self) -> BoolArray:
-        """Which parameters are searched on a logarithmic scale, shape (parameters,)."""
-        return np.array([key in BOUNDS for key in self.keys], dtype=bool)
-
-    def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
-        """Whitening filters and their derivatives.
-
-        Parameters
-        ----------
-        values
-            Parameter sets, shape (sets, parameters).
-        band
-            The analysis band.
-
-        Returns
-        -------
-        Taps, shape (sets, taps), the first of which is one, and their derivatives,
-        shape (sets, parameters, taps).
-        """
-
-    def filters(self, values: FloatArray, band: Band) -> FloatArray:
-        """Whitening filters alone, fast for many sets, shape (sets, taps)."""
-        return self.taps(values, band)[0]
-
-    def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
-        """Parameters that suit a residual, by its `lagged_products`, and the power they leave."""
-
-
 @dataclass(frozen=True)
-class LowPass(RemnantFamily):
+class LowPass:
     """White noise through a low-pass filter of order 0 (white) to 3, as `Remnant` has it.
 
     Attributes
     ----------
     order
         Its order, 0 to 3.
+    regressive
+        Whether parameters are coefficients of the residual's own past.
+    reach
+        How far its filters reach back [samples].
     """
 
     order: int
-    reach = REACH
+    regressive: ClassVar[bool] = False
+    reach: ClassVar[int] = REACH
 
     @property
     def name(self) -> str:
+        """What it is called."""
         return ("white", "first-order", "second-order", "third-order")[self.order]
 
     @property
     def keys(self) -> tuple[str, ...]:
+        """Names of its parameters."""
         return ("frequency", "damping")[: self.order]
 
     def power(
@@ -129,7 +82,20 @@ class LowPass(RemnantFamily):
         return power, (2.0 * ratio * by_ratio / values[:, :1], *by_damping)
 
     def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
-        """See `RemnantFamily.taps`."""
+        """Whitening filters and their derivatives.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        band
+            The analysis band.
+
+        Returns
+        -------
+        Taps, shape (sets, taps), the first of which is one, and their derivatives,
+        shape (sets, parameters, taps).
+        """
         if self.order == 0 and band.factor == 1:
             return np.ones((len(values), 1)), np.zeros((len(values), 0, 1))
         power, log_slopes = self.power(band.folded[0], values)
@@ -147,6 +113,7 @@ class LowPass(RemnantFamily):
         return taps, slopes
 
     def filters(self, values: FloatArray, band: Band) -> FloatArray:
+        """Whitening filters alone, fast for many sets, shape (sets, taps)."""
         if self.order == 0:
             one = self.taps(values[:1], band)[0]
             return np.broadcast_to(one, (len(values), one.shape[1]))
@@ -158,6 +125,7 @@ class LowPass(RemnantFamily):
         return (np.geomspace(0.5, 60.0, 40), np.geomspace(0.12, 1.8, 12))[: len(self.keys)]
 
     def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
+        """Parameters that suit a residual, by its `lagged_products`, and the power they leave."""
         grid, taps = _catalogue(self, band)
         reach = taps.shape[1]
         power = np.sum((taps @ products[:reach, :reach]) * taps, axis=1)
@@ -178,7 +146,7 @@ class BandPass(LowPass):
         Order of the low-pass, 1 or 2.
     """
 
-    reach = FAR
+    reach: ClassVar[int] = FAR
 
     @property
     def name(self) -> str:
@@ -206,7 +174,7 @@ class BandPass(LowPass):
 
 
 @dataclass(frozen=True)
-class Autoregressive(RemnantFamily):
+class Autoregressive:
     """An autoregressive spectrum of free shape, for remnants that no low-pass describes.
 
     Attributes
@@ -216,7 +184,7 @@ class Autoregressive(RemnantFamily):
     """
 
     order: int
-    regressive = True
+    regressive: ClassVar[bool] = True
 
     @property
     def name(self) -> str:
@@ -232,6 +200,9 @@ class Autoregressive(RemnantFamily):
             np.eye(self.order, self.order + 1, k=1), (len(values), self.order, self.order + 1)
         )
         return np.concatenate([one, values], axis=1), slopes
+
+    def filters(self, values: FloatArray, band: Band) -> FloatArray:
+        return self.taps(values, band)[0]
 
     def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
         matrix = products[: self.order + 1, : self.order + 1]
@@ -266,7 +237,7 @@ class Whitener(Autoregressive):
 
     order: int = field(default=0, init=False)
     known: FloatArray
-    regressive = False
+    regressive: ClassVar[bool] = False
 
     def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
         """The filter, shape (1, taps), and no derivatives: it is one for all sets."""
@@ -276,8 +247,15 @@ class Whitener(Autoregressive):
 #: No filter: the residual of a prediction is white in its band.
 WHITE = Whitener(np.ones(1))
 
-#: A model of the remnant's spectrum.
+#: A model of the remnant's spectrum, up to the power, which is estimated apart.
 NoiseModel = LowPass | Autoregressive
+
+
+def bounds_of(model: NoiseModel) -> FloatArray:
+    """Lower and upper bounds of its parameters, shape (2, parameters)."""
+    bounds = [BOUNDS.get(key, (-np.inf, np.inf)) for key in model.keys]
+    return np.array(bounds).reshape(-1, 2).T
+
 
 #: The remnant's model before one is chosen: most published remnants are of this kind.
 FIRST_NOISE_MODEL = LowPass(2)
