@@ -95,7 +95,7 @@ class Fourier:
         FrequencyResponse
             At the forcing lines, ascending.
         """
-        return coefficients_of(recording, model, self.neighbours, self.trend).answered(model)
+        return coefficients_of(recording, model, self.neighbours, self.trend).answered()
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Fit the equations at the lines, their leakage and weights in rounds.
@@ -126,7 +126,7 @@ class Fourier:
             settled = bool(step @ information @ step < 1e-3 * len(step))
             if settled:
                 break
-        response = coefficients.answered(model, residuals)
+        response = coefficients.answered(residuals)
         estimate = second_step(
             self.name, recording, model, response, rng, problem=problem, known=end
         )
@@ -155,7 +155,7 @@ def _with_interpolation_error(
     exact = model.response(coefficients.omega[:lines], estimate.values)
     inputs = coefficients.at_lines(coefficients.inputs[:, :, :lines])
     control = np.sum(exact * inputs, axis=0)
-    interpolated = coefficients.response(model, control, np.zeros(lines))
+    interpolated = coefficients.response(control, np.zeros(lines))
     true = model.response(response.omega, estimate.values)
     error = np.abs(interpolated.value - true)
     share = 100.0 * error / np.abs(true)

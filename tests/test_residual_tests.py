@@ -14,7 +14,7 @@ from pilotid.datasets.population import POPULATIONS
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.method import identify
 from pilotid.likelihood.diagnostics import drift_left, portmanteau
-from pilotid.likelihood.estimates import correlations, prediction_errors
+from pilotid.likelihood.estimates import correlations, inputs_of, prediction_errors
 from pilotid.likelihood.optimum import Optimum
 from pilotid.likelihood.remnant_models import LowPass
 from pilotid.likelihood.search import maximise_likelihood
@@ -136,14 +136,14 @@ def test_prediction_errors_are_those_of_the_likelihood() -> None:
     # The search leaves out a few of the last samples, whose length makes transforms slow.
     same = own.errors[:, : errors.shape[1]]
     assert own.errors.shape[1] - errors.shape[1] < 0.01 * errors.shape[1]
-    assert own.dt == pytest.approx(found().joint.prediction.dt)
+    assert own.prediction.dt == pytest.approx(found().joint.prediction.dt)
     # Nuisance terms that the fit left out are projected out here: that is all the difference.
     assert np.std(same - errors) < 0.05 * np.std(errors)
     assert np.corrcoef(same.ravel(), errors.ravel())[0, 1] > 0.999
 
 
 def test_without_a_model_of_the_remnant_one_is_chosen_that_whitens() -> None:
-    own = prediction_errors(RECORDING, replace(estimate(), remnant=None))
+    own = prediction_errors(RECORDING, replace(estimate(), remnant=None), RECORDING)
     weights = np.ones(own.errors.shape[1] // 2 + 1)
     # 40 lags; the residual itself is far from white.
     assert portmanteau(own.errors, weights, np.arange(1, 41))[0] < 100.0
@@ -163,11 +163,11 @@ def test_correlations_on_numbers_worked_out_by_hand() -> None:
 def test_a_target_that_was_not_recorded_is_an_input_all_the_same() -> None:
     model = MODELS["pursuit"]
     found = estimate_at(model, model.start, np.diag((0.1 * model.start) ** 2))
-    both = (
-        prediction_errors(RECORDING, found),
-        prediction_errors(replace(RECORDING, ft=None), found),
-    )
+    both = [
+        inputs_of(given, prediction_errors(given, found, given).prediction)
+        for given in (RECORDING, replace(RECORDING, ft=None))
+    ]
     for own in both:
-        assert list(own.inputs) == ["e", "ft"]
-    scale = np.std(both[0].inputs["ft"])
-    np.testing.assert_allclose(both[0].inputs["ft"], both[1].inputs["ft"], atol=1e-6 * scale)
+        assert list(own) == ["e", "ft"]
+    scale = np.std(both[0]["ft"])
+    np.testing.assert_allclose(both[0]["ft"], both[1]["ft"], atol=1e-6 * scale)

@@ -23,7 +23,7 @@ from pilotid.estimate.estimate import (
 )
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction, predict
-from pilotid.likelihood.prepare import analysis_band, window_of
+from pilotid.likelihood.prepare import window_of
 from pilotid.likelihood.remnant_models import best_noise_model, filter_of
 from pilotid.likelihood.search import SEARCH_BAND
 from pilotid.model.model import PilotModel
@@ -241,21 +241,15 @@ def simulated(estimate: Estimate, recording: Recording) -> DataFrame:
 
 def predicted(estimate: Estimate, recording: Recording, fitted_to: Recording | None) -> DataFrame:
     """See `Estimate.predict`."""
-    known = _prediction_errors(estimate, recording, fitted_to)
-    if known is None:
-        raise InputError(
-            f"the estimate by {estimate.method} has no model of the remnant; give the recording "
-            "that it was fitted to as well, as in predict(recording, fitted_to)"
-        )
-    prediction, errors, variance = known
+    prediction, errors, variance = prediction_errors(recording, estimate, fitted_to)
     return _frame(prediction, "predicted", errors).assign(std=math.sqrt(variance))
 
 
 def scored(estimate: Estimate, recording: Recording, fitted_to: Recording | None) -> Score:
     """See `Estimate.score`."""
-    known, log_score = _prediction_errors(estimate, recording, fitted_to), math.nan
-    if known is not None:
-        _, errors, variance = known
+    log_score = math.nan
+    if estimate.remnant is not None or fitted_to is not None:
+        _, errors, variance = prediction_errors(recording, estimate, fitted_to)
         squares = float(np.sum(errors**2)) / variance
         log_score = -0.5 * (errors.size * math.log(2.0 * math.pi * variance) + squares)
     return Score(simulated_vaf(recording, estimate.model, estimate.values), log_score)
@@ -266,42 +260,74 @@ class Whitened(NamedTuple):
 
     Attributes
     ----------
-    dt
-        Sampling interval in the band [s].
+    prediction
+        The recording in the band.
     errors
         Prediction errors in the unit of the control, shape (runs, samples).
-    inputs
-        What the model's channels act on, by the signal's name, low-passed to the band and
-        without its mean; each of shape (runs, samples).
+    variance
+        Their variance in what the estimate was fitted to.
     """
 
-    dt: float
+    prediction: Prediction
     errors: FloatArray
-    inputs: dict[str, FloatArray]
+    variance: float
 
 
-def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
-    """The prediction errors of an estimate on what it was fitted to.
+def prediction_errors(
+    recording: Recording, estimate: Estimate, fitted_to: Recording | None = None
+) -> Whitened:
+    """The prediction errors of an estimate.
 
-    They are whitened by the estimate's model of the remnant, or without one by the model that
-    suits best what the estimate leaves, see `best_noise_model`.
+    They are whitened by the model of the remnant that suits best what the estimate leaves of what
+    it was fitted to, see `best_noise_model`, or by the estimate's own.  Offsets alone are fitted to
+    a run that is predicted.
 
     Parameters
     ----------
     recording
-        What was fitted.
+        What is predicted.
     estimate
         An estimate with values.
+    fitted_to
+        What it was fitted to; needed if the estimate has no model of the remnant.
+
+    Raises
+    ------
+    InputError
+        If the estimate has no values, or no model of the remnant is known.
     """
-    known = _prediction_errors(estimate, recording, None if estimate.remnant else recording)
-    assert known is not None
-    prediction, errors, _ = known
-    window = window_of(recording, estimate.model, prediction.band.limit)
+    _require_values(estimate)
+    model, values, remnant = estimate.model, estimate.values, estimate.remnant
+
+    def prepared(of: Recording, rate: float | None) -> Prediction:
+        return replace(predict(of, model, rate), nuisance_poles=(0.0,))
+
+    if fitted_to is not None:
+        known, prediction = prepared(fitted_to, BAND), prepared(recording, BAND)
+        taps = best_noise_model(known.errors(values), known.band).whitener(known.band)
+        variance = float(np.mean(known.errors(values, taps) ** 2))
+    elif remnant is not None:
+        band, taps, variance = filter_of(remnant, recording.dt)
+        prediction = prepared(recording, band.limit)
+    else:
+        raise InputError(
+            f"the estimate by {estimate.method} has no model of the remnant; give the recording "
+            "that it was fitted to as well, as in predict(recording, fitted_to)"
+        )
+    return Whitened(prediction, prediction.errors(values, taps), variance)
+
+
+def inputs_of(recording: Recording, prediction: Prediction) -> dict[str, FloatArray]:
+    """What a model's channels act on in the band of a prediction, each of shape (runs, samples).
+
+    By the signal's name, low-passed to the band and without its mean.
+    """
+    window = window_of(recording, prediction.model, prediction.band.limit)
     inputs = {}
-    for key in dict.fromkeys(channel.on for channel in estimate.model.channels):
+    for key in dict.fromkeys(channel.on for channel in prediction.model.channels):
         signal = prediction.samples_of(window.transformed(recording.input(key)))
         inputs[key] = signal - signal.mean(axis=1, keepdims=True)
-    return Whitened(prediction.dt, errors, inputs)
+    return inputs
 
 
 def correlations(errors: FloatArray, signal: FloatArray, lags: range) -> FloatArray:
@@ -331,33 +357,6 @@ def correlations(errors: FloatArray, signal: FloatArray, lags: range) -> FloatAr
 def _require_values(estimate: Estimate) -> None:
     if not np.isfinite(estimate.values).all():
         raise InputError(f"the estimate by {estimate.method} has no values: {estimate.sentence}")
-
-
-def _prediction_errors(
-    estimate: Estimate, recording: Recording, fitted_to: Recording | None
-) -> tuple[Prediction, FloatArray, float] | None:
-    """A recording in the remnant's band, its prediction errors (runs, samples), and their variance.
-
-    The remnant is what the estimate leaves of what it was fitted to, or says itself; None of none.
-    Offsets alone are fitted to a run that is predicted.
-    """
-    _require_values(estimate)
-    model, values, remnant = estimate.model, estimate.values, estimate.remnant
-
-    def prepared(of: Recording, rate: float | None) -> Prediction:
-        return replace(predict(of, model, rate), nuisance_poles=(0.0,))
-
-    if fitted_to is not None:
-        band, known = analysis_band(fitted_to.dt, BAND), prepared(fitted_to, BAND)
-        taps = best_noise_model(known.errors(values), band).whitener(band)
-        variance = float(np.mean(known.errors(values, taps) ** 2))
-        prediction = prepared(recording, BAND)
-    elif remnant is not None:
-        band, taps, variance = filter_of(remnant, recording.dt)
-        prediction = prepared(recording, band.limit)
-    else:
-        return None
-    return prediction, prediction.errors(values, taps), variance
 
 
 def _frame(prediction: Prediction, name: str, errors: FloatArray) -> DataFrame:

@@ -66,10 +66,6 @@ class FineInput:
         signal, slopes = (self.window.decimated(np.fft.rfft(m), self.ratio) for m in modulated)
         return signal, slopes
 
-    def mixed(self, weights: FloatArray) -> FineInput:
-        """As `Prediction.mixed`."""
-        return replace(self, signals=np.asarray(weights @ self.signals))
-
 
 def fine_input(recording: Recording, channel: Channel, window: Window) -> FineInput:
     """The input of a channel in fine samples."""
@@ -120,8 +116,8 @@ class Prediction:
         Poles of the nuisance terms e^{pole t} [rad/s]: 0 for an offset, and the model's
         fixed poles for their free decay.
     fine
-        Per channel, its input in samples if it varies in time, else None.  The entry of
-        `spectra` is then one.
+        By their indices, the inputs in samples of channels that vary in time, whose entries of
+        `spectra` are one.
     weighting
         How frequencies count in the likelihood of the band; None for direct prediction errors.
     weights, counted
@@ -140,7 +136,7 @@ class Prediction:
     time: FloatArray
     pre_history: float
     nuisance_poles: tuple[float, ...]
-    fine: tuple[FineInput | None, ...]
+    fine: dict[int, FineInput]
     weighting: Weighting | None
     weights: FloatArray | None = None
     counted: int = 0
@@ -280,10 +276,9 @@ class Prediction:
             Parameter sets, shape (sets, parameters).
         """
         parts = self.parts(self.model.moving_responses(self.s, values))
-        for c, fine in enumerate(self.fine):
-            if fine:
-                indices = list(self.model.changing_indices[c])
-                parts[c] = parts[c] * fine.modulated(values[:, indices])[0]
+        for c, fine in self.fine.items():
+            indices = list(self.model.changing_indices[c])
+            parts[c] = parts[c] * fine.modulated(values[:, indices])[0]
         return np.asarray(self.control_spectrum - reduce(np.add, parts))
 
     def parts(self, responses: Sequence[Response]) -> list[ComplexArray]:
@@ -352,12 +347,11 @@ class Prediction:
         spectrum = np.zeros((sets, rows, *self.control_spectrum.shape), dtype=complex)
         evaluated = model.evaluated(self.s, values)
         parts = self.parts(model.responses_of(evaluated))
-        for c, fine in enumerate(self.fine):
-            if fine:
-                indices = list(model.changing_indices[c])
-                signal, slopes = fine.modulated(values[:, indices])
-                spectrum[:, indices] += slopes * parts[c][:, None]
-                parts[c] = parts[c] * signal
+        for c, fine in self.fine.items():
+            indices = list(model.changing_indices[c])
+            signal, slopes = fine.modulated(values[:, indices])
+            spectrum[:, indices] += slopes * parts[c][:, None]
+            parts[c] = parts[c] * signal
         spectrum[:, -1] = reduce(np.subtract, parts, self.control_spectrum)
         for index, slope, total in self.slopes(evaluated, parts):
             spectrum[:, index] += (slope[:, None] if slope.ndim > 1 else slope) * total
@@ -423,11 +417,11 @@ class Prediction:
         return replace(
             self,
             spectra=tuple(
-                spectrum[: len(weights)] if fine else weights @ spectrum
-                for spectrum, fine in zip(self.spectra, self.fine, strict=True)
+                spectrum[: len(weights)] if c in self.fine else weights @ spectrum
+                for c, spectrum in enumerate(self.spectra)
             ),
             control_spectrum=weights @ self.control_spectrum,
-            fine=tuple(fine and fine.mixed(weights) for fine in self.fine),
+            fine={c: replace(f, signals=weights @ f.signals) for c, f in self.fine.items()},
         )
 
     @property
@@ -563,10 +557,11 @@ def predict(
     """
     window = window_of(recording, model, band, fast=fast)
     dt, first = window.band.dt, window.first * window.band.factor - window.before
-    fine = tuple(
-        fine_input(recording, channel, window) if channel.changing else None
-        for channel in model.channels
-    )
+    fine = {
+        c: fine_input(recording, channel, window)
+        for c, channel in enumerate(model.channels)
+        if channel.changing
+    }
     spectra = tuple(
         np.ones((recording.runs, window.length // 2 + 1), dtype=complex)
         if channel.changing

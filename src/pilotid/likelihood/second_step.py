@@ -40,7 +40,7 @@ def first_step_of(recording: Recording, model: PilotModel) -> FrequencyResponse 
     """The channels' responses at the forcing lines, None where lines cannot tell them."""
     if motionless_input(recording, model) or lines_objection(recording, model):
         return None
-    return coefficients_of(recording, model, NEIGHBOURS, TREND).answered(model)
+    return coefficients_of(recording, model, NEIGHBOURS, TREND).answered()
 
 
 class ResponseFit(Problem):

@@ -16,7 +16,7 @@ import numpy as np
 
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.quantities import TAILS, Draws
-from pilotid.likelihood.estimates import correlations, prediction_errors
+from pilotid.likelihood.estimates import correlations, inputs_of, prediction_errors
 from pilotid.plots.responses import describing_function, open_loop
 from pilotid.plots.style import (
     INK,
@@ -198,17 +198,19 @@ def correlation(
     for shown in named(estimates):
         if not shown.known:
             continue
-        errors = prediction_errors(recording, shown.estimate)
-        against = errors.inputs.get(signal) if signal else errors.errors
+        fitted_to = None if shown.estimate.remnant else recording
+        prediction, errors, _ = prediction_errors(recording, shown.estimate, fitted_to)
+        inputs = inputs_of(recording, prediction)
+        against = inputs.get(signal) if signal else errors
         if against is None:
             raise InputError(
                 f"no channel of model {shown.estimate.model.name} acts on {signal}: choose "
-                f"{', '.join(errors.inputs)}"
+                f"{', '.join(inputs)}"
             )
-        longest = min(round(LAGS / errors.dt), int(errors.errors.shape[1]) - 1)
+        longest = min(round(LAGS / prediction.dt), int(errors.shape[1]) - 1)
         lags = range(-longest // 2, 1 + longest) if signal else range(1, 1 + longest)
-        drawn = correlations(errors.errors, against, lags)
-        times, limit = errors.dt * np.array(lags), Z95 / float(np.sqrt(errors.errors.size))
+        drawn = correlations(errors, against, lags)
+        times, limit = prediction.dt * np.array(lags), Z95 / float(np.sqrt(errors.size))
         style = shown.style
         axes.plot(times, drawn, color=style.colour, linestyle=style.dash, label=shown.label)
         for side in (-limit, limit):

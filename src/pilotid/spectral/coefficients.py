@@ -182,26 +182,20 @@ class Coefficients:
             leakage = self.leakage(residuals)
         return np.asarray(residuals)
 
-    def answered(
-        self, model: PilotModel, residuals: ComplexArray | None = None
-    ) -> FrequencyResponse:
+    def answered(self, residuals: ComplexArray | None = None) -> FrequencyResponse:
         """`response` of the control less what these residuals (runs, all) leak to the lines.
 
         None for `first_residuals`: the response before anything is known of the model.
         """
         residuals = self.first_residuals() if residuals is None else residuals
         control = self.control[:, : self.lines] - self.leakage(residuals)
-        return self.response(model, self.at_lines(control), self.power(residuals))
+        return self.response(self.at_lines(control), self.power(residuals))
 
-    def response(
-        self, model: PilotModel, control: ComplexArray, power: FloatArray
-    ) -> FrequencyResponse:
+    def response(self, control: ComplexArray, power: FloatArray) -> FrequencyResponse:
         """The responses of the channels that give a control at the lines.
 
         Parameters
         ----------
-        model
-            The pilot model whose channels are meant.
         control
             Control at the lines, averaged over runs, shape (n,).
         power

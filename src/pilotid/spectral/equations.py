@@ -87,21 +87,22 @@ class LinesFit:
         reach = np.minimum(reach, 100.0)  # of which exp is a number still
         return not spans_decade(np.exp(-reach), np.exp(reach))[model.positive].any()
 
-    def minimised(self) -> LinesFit:
-        """The same with the parameters that fit best under this power, from these ones."""
-        return self._minimised(self.coefficients, self.power)
+    def minimised(self, alone: Coefficients | None = None) -> LinesFit:
+        """The same with the parameters that fit best under this power, from these ones.
+
+        `alone` are coefficients of the lines to fit to; None for all that there are.
+        """
+        coefficients = alone or self.coefficients
+        problem = Equations(coefficients, self.model, self.power, 1.0, self.values)
+        end = minimise(problem.gram, self.values[None], self.model, tolerance=1e-6)
+        return replace(self, values=end.values[0])
 
     def again(self) -> LinesFit:
         """The same with the power and the leakage that these parameters leave, and a new fit."""
-        responses = self.model.response(self.coefficients.omega, self.values)
-        residuals = self.coefficients.residuals(responses)
-        alone = self.coefficients.at_lines_alone(residuals)
-        return self._minimised(alone, self.coefficients.power(residuals))
-
-    def _minimised(self, coefficients: Coefficients, power: FloatArray) -> LinesFit:
-        problem = Equations(coefficients, self.model, power, 1.0, self.values)
-        end = minimise(problem.gram, self.values[None], self.model, tolerance=1e-6)
-        return replace(self, values=end.values[0], power=power)
+        coefficients = self.coefficients
+        residuals = coefficients.residuals(self.model.response(coefficients.omega, self.values))
+        left = replace(self, power=coefficients.power(residuals))
+        return left.minimised(coefficients.at_lines_alone(residuals))
 
 
 def fit_lines(
