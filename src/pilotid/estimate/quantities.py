@@ -600,16 +600,17 @@ def misfit_remark(missed: float, consequence: str = "") -> Remark:
 
 
 def score_test(
-    score: FloatArray, shares: FloatArray, least: float, against: str
+    score: FloatArray, covariance: FloatArray, least: float, against: str
 ) -> Specification | None:
-    """Hausman's test by independent scores, which have mean zero if an estimate is right.
+    """Hausman's test by scores, which have mean zero if an estimate is right.
 
     Parameters
     ----------
     score
-        Scores in units of what they scatter by at the true parameters, shape (directions,).
-    shares
-        Share of that variance that is left at the estimate, from 0 to 1, shape (directions,).
+        Scores that are independent at the true parameters, in units of what they scatter by there,
+        shape (directions,).
+    covariance
+        What is left at the estimate of their covariance, unity, shape (directions, directions).
     least
         Share that is left where the estimate has made use of all: covariances and weights are
         estimates themselves.
@@ -618,8 +619,9 @@ def score_test(
     """
     from scipy.special import fdtrc
 
+    shares, along = np.linalg.eigh(covariance)
     scatter = least + np.clip(shares, 0.0, 1.0) ** ESTIMATE.made_use_of
-    statistic = float(np.sum(score**2 / scatter))
+    statistic = float(np.sum((along.T @ score) ** 2 / scatter))
     if not math.isfinite(statistic):
         return None
     # With variances that are estimated the statistic is F's (Hotelling), not chi-squared.

@@ -102,7 +102,7 @@ class BandTerms:
         weights[weights < MIN_WEIGHT] = 0.0
         outside = OUTSIDE_WEIGHT * (1.0 - weights)
         control = np.interp(omega, weighting.omega, weighting.control)
-        begins = group_begins(omega)
+        begins = group_begins(omega, 1.0 / 30.0, 0.25)
         middle = np.add.reduceat(omega, begins) / np.diff([*begins, omega.size])
         left = 2.0 * runs * np.add.reduceat(outside * control, begins)
         lags = np.arange(FAR + 1)
@@ -279,17 +279,12 @@ def most_likely_regression(
     return taps, np.where(sign > 0.0, log_determinant, np.nan)
 
 
-def group_begins(
-    omega: FloatArray,
-    share: float = 1.0 / 30.0,
-    widest: float = 0.25,
-    first: int = 0,
-) -> list[int]:
+def group_begins(omega: FloatArray, share: float, widest: float) -> list[int]:
     """First bins of the groups of bins at `omega` [rad/s].
 
     A group is a share of its frequency wide, and at most so many rad/s.
     """
-    listed, begins = omega.tolist(), [first]
+    listed, begins = omega.tolist(), [0]
     while begins[-1] < len(listed):
         lowest = listed[begins[-1]]
         end = bisect_right(listed, lowest + min(share * lowest, widest))

@@ -130,11 +130,6 @@ class Moments(Problem):
         """Rows (sets, n, runs, samples) as numbers whose products are weighted, (sets, n, m)."""
         return self._prediction.weighted_rows(rows).reshape(*rows.shape[:2], -1)
 
-    @property
-    def residuals(self) -> int:
-        """Number of moments."""
-        return len(self._instruments)
-
     def rows(self, values: FloatArray) -> FloatArray:
         """Jacobian and below it the moments, shape (sets, parameters + 1, parameters)."""
         products = self._weighed(self._whitened.rows(values)) @ self._instruments.T
@@ -173,8 +168,8 @@ def specification_by_instruments(
         return None
     rows = moments.rows(values[None])[0]
     jacobian, score = rows[:-1].T, rows[-1]
-    shares, along = np.linalg.eigh(np.eye(score.size) - jacobian @ covariance @ jacobian.T)
-    tested = score_test(along.T @ score, shares, ESTIMATE.least_by_instruments, against)
+    left = np.eye(score.size) - jacobian @ covariance @ jacobian.T
+    tested = score_test(score, left, ESTIMATE.least_by_instruments, against)
     moved = np.abs(np.linalg.lstsq(jacobian, score)[0]) / np.sqrt(np.diag(covariance))
     return tested and replace(tested, moved=float(moved.max()))
 

@@ -345,13 +345,11 @@ def correlations(errors: FloatArray, signal: FloatArray, lags: range) -> FloatAr
     FloatArray
         Shape (lags,).
     """
-    samples = errors.shape[1]
-    sums = []
-    for lag in lags:
-        late, early = (errors, signal) if lag >= 0 else (signal, errors)
-        gap = min(abs(lag), samples)
-        sums.append(float(np.sum(late[:, gap:] * early[:, : samples - gap])))
-    return np.array(sums) / math.sqrt(float(np.sum(errors**2)) * float(np.sum(signal**2)))
+    from scipy.signal import correlate  # when it is needed
+
+    sums = np.sum([correlate(*each) for each in zip(errors, signal, strict=True)], axis=0)
+    at = errors.shape[1] - 1 + np.array(lags)
+    return np.asarray(sums[at] / np.sqrt(np.sum(errors**2) * np.sum(signal**2)))
 
 
 def _require_values(estimate: Estimate) -> None:

@@ -382,10 +382,7 @@ class Prediction:
     def inputs(self) -> list[ComplexArray]:
         """Per channel, `spectra` behind the dynamics that no parameter moves, of that shape."""
         fixed = self.model.fixed_responses(self.s)
-        return [
-            spectrum if response.size == 1 and response == 1.0 else response * spectrum
-            for response, spectrum in zip(fixed, self.spectra, strict=True)
-        ]
+        return [response * spectrum for response, spectrum in zip(fixed, self.spectra, strict=True)]
 
     @property
     def signals(self) -> tuple[FloatArray, list[FloatArray]]:
@@ -448,7 +445,7 @@ class Prediction:
         given = np.array([*self.spectra, self.control_spectrum])
         signals = np.fft.rfft(self.samples_of(given) * window)
         omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, self.dt), dtype=float)
-        groups = group_begins(omega, 1.0 / 15.0, MAX_BINNED_WIDTH, 2)
+        groups = [2 + begin for begin in group_begins(omega[2:], 1.0 / 15.0, MAX_BINNED_WIDTH)]
         sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
         sizes[sizes == 0.0] = 1.0
         signals = signals / sizes[:, None, None]

@@ -17,7 +17,7 @@ Steps 1 and 2 look at binned spectra, steps 3 and 4 at all samples.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
@@ -391,29 +391,14 @@ def _starts(
 
 
 def group_by_optimum(ends: Minima, samples: int) -> list[list[int]]:
-    """Which ends are in one optimum, the best one's first; `ends`, `samples` as in `optima`."""
-    return clusters(
-        range(len(ends.values)),
-        lambda first, index: (
-            ends.apart(ends.values[index], samples, first) <= SAME_OPTIMUM_DISTANCE
-        ),
-    )
+    """Which ends are in one optimum, each with the first before it that it is near to.
 
-
-def clusters(indices: Iterable[int], near: Callable[[int, int], bool]) -> list[list[int]]:
-    """Indices, each with the first before it that it is near to.
-
-    Parameters
-    ----------
-    indices
-        What is grouped, in an order of which the first of each group comes.
-    near
-        Whether the second index belongs to the group of the first.
+    `ends` and `samples` are as in `optima`.
     """
     groups: list[list[int]] = []
-    for index in indices:
-        nearest = next((group for group in groups if near(group[0], index)), None)
-        if nearest is None:
+    for index, values in enumerate(ends.values):
+        near = (g for g in groups if ends.apart(values, samples, g[0]) <= SAME_OPTIMUM_DISTANCE)
+        if (nearest := next(near, None)) is None:
             groups.append([index])
         else:
             nearest.append(index)
@@ -559,9 +544,12 @@ def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     highest = max(fit.rank for fit, _ in firsts)
     firsts = [(fit, choice) for fit, choice in firsts if fit.rank == highest]
     firsts.sort(key=lambda first: first[0].criterion)
-    fits = [fit for fit, _ in firsts if fit.criterion < firsts[0][0].criterion + LOOK_CRITERION]
-    met = clusters(range(len(fits)), lambda first, index: fits[first].is_near(fits[index].pilot))
-    return [firsts[group[0]][1] for group in met]
+    likely: dict[Optimum, RemnantChoice] = {}
+    for fit, choice in firsts:
+        is_likely = fit.criterion < firsts[0][0].criterion + LOOK_CRITERION
+        if is_likely and not any(better.is_near(fit.pilot) for better in likely):
+            likely[fit] = choice
+    return [*likely.values()]
 
 
 def _best_and_others(

@@ -67,7 +67,7 @@ Gram = Callable[[FloatArray], FloatArray]
 class Problem(Protocol):
     """A sum of squares, by the rows of its Jacobian and its residual.
 
-    Who derives from it gives `residuals` and `rows`, and has `gram`.
+    Who derives from it gives `rows`, and has `gram`.
 
     Attributes
     ----------
@@ -76,10 +76,6 @@ class Problem(Protocol):
     """
 
     block: int = BLOCK
-
-    @property
-    def residuals(self) -> int:
-        """Number of independent residuals."""
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Jacobian of the prediction, and below it the residual.

@@ -296,9 +296,8 @@ def specification_of(
     if not known.any():
         return None
     root = along[:, known] / np.sqrt(sizes[known])
-    variance = root.T @ expected @ root
-    shares, turned = np.linalg.eigh(variance)
-    tested = score_test(turned.T @ root.T @ score, shares, ESTIMATE.least_by_lines, "fourier")
+    left = root.T @ expected @ root
+    tested = score_test(root.T @ score, left, ESTIMATE.least_by_lines, "fourier")
     # What the same model cannot tell in either way shows in what it leaves.
     misfit, freedom = float(gram[-1, -1]), 2 * int(clear.sum()) - int(free.sum())
     if not tested or freedom <= 0 or misfit <= chi_squared_limit(freedom, 1e-3):
