@@ -11,11 +11,7 @@ from helpers import NOMINAL, SINGLE_LOOP, changing_half_way, recording_of
 
 from pilotid.datasets import SCENARIOS, Scenario
 from pilotid.estimate.method import identify
-from pilotid.likelihood.diagnostics import (
-    PLACES,
-    gains_change,
-    score_of_changes,
-)
+from pilotid.likelihood.diagnostics import PLACES, gains_change, score_of_changes
 from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.methods import method_named
 from pilotid.model.catalogue import SINGLE
@@ -91,7 +87,7 @@ def test_nothing_is_told_of_parameters_that_cannot_be_told_apart() -> None:
 def told(recording: Recording, model: PilotModel) -> str:
     rng = np.random.default_rng(1)
     found = maximise_likelihood(recording, model, rng, LikelihoodSettings(wide=()))
-    return gains_change(found, recording) or ""
+    return gains_change(found) or ""
 
 
 @pytest.mark.parametrize("name", ["adapting-slow", "adapting-fast"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -135,7 +136,8 @@ def test_intervals_hold_the_other_summits_that_the_search_came_upon(
     assert (np.abs(found.pilot[delays] - truth) > 0.05).all()  # .25 and .36 s for .33 and .29 s
     own = intervals_of(replace(found, others=()))[delays]
     assert not ((own[:, 0] < truth) & (truth < own[:, 1])).any()
-    both = intervals_of(replace(found, others=[(scenario.values, found.criterion)]))[delays]
+    known = SimpleNamespace(pilot=scenario.values, criterion=found.criterion)
+    both = intervals_of(replace(found, others=[known]))[delays]
     assert ((both[:, 0] < truth) & (truth < both[:, 1])).all()
     assert ((both[:, 0] < own[:, 0] + 0.01) & (own[:, 1] - 0.01 < both[:, 1])).all()
     # The search comes upon it of itself, too.
@@ -157,7 +159,8 @@ def test_what_is_as_likely_beside_another_remnant_is_in_the_intervals_and_nothin
     far = 0.5 * optimum.pilot
     estimate = MLE().fit(recording, NOMINAL.model, np.random.default_rng(1))
     for behind, told in ((3.0, True), (6.0, False)):
-        other = replace(optimum, others=[(far, optimum.criterion + behind)])
+        known = SimpleNamespace(pilot=far, criterion=optimum.criterion + behind)
+        other = replace(optimum, others=[known])
         assert len(other.competing) == told
         low, high = with_profile(estimate, other, profile).intervals.T
         assert ((low <= far) & (far <= high)).all() == told

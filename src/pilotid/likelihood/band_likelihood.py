@@ -325,8 +325,7 @@ def weighting_of(
     floors, nyquist = floors_of(recording), math.pi / dt
     inside = floors.omega <= nyquist
     omega = floors.omega[inside]
-    inputs = (channel.on for channel in model.channels)
-    share = floors.share(tuple(dict.fromkeys((*inputs, *others))))[inside]
+    share = floors.share((*(channel.on for channel in model.channels), *others))[inside]
     power = np.interp(omega, *running_median(*periodogram(control, dt))) * nyquist
     share = np.where(omega <= min(TOP_SHARE * nyquist, band_end(recording)), share, 0.0)
     share[share < MIN_WEIGHT] = 0.0

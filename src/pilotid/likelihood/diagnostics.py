@@ -308,7 +308,7 @@ def fit_remarks(
     remarks = [
         _not_closed(optimum, recording) if asked_for_band else None,
         _held(recording),
-        _changed(optimum) or gains_change(optimum, recording),
+        _changed(optimum) or gains_change(optimum),
         _dispersed(optimum.dispersion),
         _drifting(optimum),
         coloured(errors, prediction.dt, prediction.band_terms),
@@ -329,7 +329,7 @@ def _not_closed(optimum: Optimum, recording: Recording) -> Remark | None:
             "frequency: the values mean little; record these signals with less noise or more bits",
         )
     # Without noise below where pilots end, direct prediction errors are as good.
-    usable = floors_of(recording).usable(tuple({channel.on for channel in model.channels}))
+    usable = floors_of(recording).usable(channel.on for channel in model.channels)
     if weighting is not None or model.changes or usable >= 2.0 * math.pi * RECORDER.enough:
         return None
     why = "the controlled element is not known"
@@ -416,7 +416,7 @@ def _slow_lag(optimum: Optimum) -> Remark | None:
     )
 
 
-def gains_change(optimum: Optimum, recording: Recording) -> Remark | None:
+def gains_change(optimum: Optimum) -> Remark | None:
     """A remark that gains and leads change, where that is certain and large.
 
     Of score tests at many times the largest counts (Andrews, Econometrica 61(4), 1993).  A constant
@@ -437,8 +437,7 @@ def gains_change(optimum: Optimum, recording: Recording) -> Remark | None:
     shares = best.steps / optimum.pilot[varying]
     if chance >= ESTIMATE.seldom or np.abs(shares).max() < ESTIMATE.changes_by:
         return None
-    unscored = max(0.0, recording.lead_in - recording.run_in * recording.dt)
-    time = unscored + best.place * prediction.scored * prediction.dt
+    time = prediction.time[0] + best.place * prediction.scored * prediction.dt
     keys = [model.keys[i] for i in varying]
     steps = [f"{key} by {100.0 * share:+.0f} %" for key, share in zip(keys, shares, strict=True)]
     return Remark(

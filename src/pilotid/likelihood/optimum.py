@@ -146,8 +146,7 @@ class Optimum:
     is_refined
         Whether it is to the tolerance of what is reported.
     others
-        Pilots of other optima that were about as likely, each of shape (parameters,), and their
-        criteria.
+        Other optima that were about as likely.
     rivals
         Fits near it with other models of the remnant that are about as likely.
     """
@@ -159,14 +158,14 @@ class Optimum:
     check: PilotCheck | None = None
     lines_pilot: Sequence[FloatArray] = ()
     is_refined: bool = False
-    others: Sequence[tuple[FloatArray, float]] = ()
+    others: Sequence[Optimum] = ()
     rivals: Sequence[Optimum] = ()
 
     @property
     def competing(self) -> list[FloatArray]:
         """Pilots of other optima that are as likely, each of shape (parameters,)."""
         highest = self.criterion + COMPETING_CRITERION
-        return [pilot for pilot, criterion in self.others if criterion < highest]
+        return [other.pilot for other in self.others if other.criterion < highest]
 
     @property
     def values(self) -> FloatArray:

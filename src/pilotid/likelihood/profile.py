@@ -56,7 +56,7 @@ def profile_likelihood(optimum: Optimum) -> tuple[Optimum, Profile | None]:
         if moved.rank < optimum.rank or best_of([moved, optimum]) is optimum:
             break
         if not moved.is_near(optimum.pilot):
-            moved = replace(moved, others=[*moved.others, (optimum.pilot, optimum.criterion)])
+            moved = replace(moved, others=[*moved.others, optimum])
         if (there := profile_about(moved)) is None:
             break  # singular: its errors would be those of a likelihood that is a ridge
         optimum, profile = moved, there
@@ -115,7 +115,7 @@ def profile_about(optimum: Optimum) -> Profile | None:
     remnant = optimum.values[joint.pilot_count :]
     others = [off_bounds(optimum)]
     if optimum.others:  # beside another remnant than they were found with
-        starts = np.array([np.concatenate([pilot, remnant]) for pilot, _ in optimum.others])
+        starts = np.array([np.concatenate([other.pilot, remnant]) for other in optimum.others])
         others.insert(0, _ends(optimum, starts, joint))
     return profile_intervals(
         optimum.search_problem.gram,
@@ -143,13 +143,13 @@ def off_bounds(optimum: Optimum) -> FloatArray:
     (low, high), inside = model.usual, _inside(optimum)
     # What the lines show rests on no model of the remnant.
     remnant = values[joint.pilot_count :]
-    bases = [inside, *(np.concatenate([pilot, remnant]) for pilot in optimum.lines_pilot)]
-    points = []
-    for k in at_bound.tolist():
-        for value in (low[k], inside[k], high[k]):
-            starts = np.array(bases)
-            starts[:, k] = value
-            points.append(_ends(optimum, starts, Box.holding(joint, k, value)))
+    # The bounds give a held parameter its value in all starts.
+    starts = [inside, *(np.concatenate([pilot, remnant]) for pilot in optimum.lines_pilot)]
+    points = [
+        _ends(optimum, np.array(starts), Box.holding(joint, k, value))
+        for k in at_bound.tolist()
+        for value in (low[k], inside[k], high[k])
+    ]
     return np.concatenate([np.zeros((0, len(values))), *points])
 
 
@@ -214,7 +214,6 @@ def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
         starts, ends = np.unique([start, _inside(optimum)], axis=0), []
         for frequency, damping in product(FREQUENCIES, DAMPINGS[1:]):
             points = starts.copy()
-            points[:, [f, d]] = frequency, damping
             # The sum of all delays, which is known best, stays.
             points[:, list(model.delays)] += 2.0 * (start[d] / start[f] - damping / frequency)
             fixed = Box.holding(Box.holding(joint, f, frequency), d, damping)

@@ -157,7 +157,7 @@ def maximise_likelihood(
         if len(terms) == len(before) and np.allclose(terms, before, rtol=0.1):
             break
         of_lag[best.is_slow] = other
-        pilots = [best.pilot, *(pilot for pilot, _ in others)]
+        pilots = [each.pilot for each in (best, *others)]
         again, rivals = choices(pilots, best.joint.noise), best.rivals
         best, others = _best_and_others([choice.full_fit() for choice in again])
         best = replace(best, rivals=rivals)
@@ -448,34 +448,32 @@ def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
     return [each for each in sorted(best, key=_criterion) if each.criterion < limit]
 
 
+@dataclass(eq=False)
 class RemnantChoice:
     """Fits near one pilot, of each model of the remnant that came into question.
 
     Every model is fitted once, from the pilot at which it first did and from where all began: one
     model may lose a channel, which does not come back of itself, where another does not.
 
-    Parameters
+    Attributes
     ----------
     prediction
         The prepared prediction.
     pilot
-        Where to begin, shape (parameters,).
+        Where to begin, and where the latest fit ended, shape (parameters,).
     noise
         The remnant's model if it is not to be chosen.
     check
         Which parameters simulate the control.
     """
 
-    def __init__(
-        self,
-        prediction: Prediction,
-        pilot: FloatArray,
-        noise: NoiseModel | None,
-        check: PilotCheck | None = None,
-    ) -> None:
-        self.prediction, self.noise, self.check = prediction, noise, check
-        self.pilot = self._first = pilot
-        self._fits: dict[NoiseModel, Optimum] = {}
+    prediction: Prediction
+    pilot: FloatArray
+    noise: NoiseModel | None
+    check: PilotCheck | None = None
+
+    def __post_init__(self) -> None:
+        self._first, self._fits = self.pilot, dict[NoiseModel, Optimum]()
 
     def suited_fit(self) -> Optimum:
         """The best of the models that suit what the pilot leaves, as exactly as is compared."""
@@ -552,9 +550,7 @@ def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     return [*likely.values()]
 
 
-def _best_and_others(
-    tried: Sequence[Optimum],
-) -> tuple[Optimum, list[tuple[FloatArray, float]]]:
+def _best_and_others(tried: Sequence[Optimum]) -> tuple[Optimum, list[Optimum]]:
     """The best optimum that simulates the control, and the others that are as likely."""
     highest = max(each.rank for each in tried)
     passed = [each for each in tried if each.rank == highest]
@@ -562,10 +558,9 @@ def _best_and_others(
     # What is far behind where fits are compared does not compete.
     far = lowest + 2.0 * COMPETING_CRITERION
     passed = [each.refined() for each in passed if not each.criterion > far]
-    best, others = best_of(passed), list[tuple[FloatArray, float]]()
+    best, others = best_of(passed), list[Optimum]()
     for other in passed:
-        reached = [best.criterion, *(criterion for _, criterion in others)]
-        apart = min(abs(other.criterion - known) for known in reached)
+        apart = min(abs(other.criterion - known.criterion) for known in (best, *others))
         if other.criterion < best.criterion + COMPETING_CRITERION and apart > 0.01:
-            others.append((other.pilot, other.criterion))
+            others.append(other)
     return best, others

@@ -9,6 +9,7 @@ exact.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -316,7 +317,7 @@ class Floors:
     power: dict[str, FloatArray]
     floor: dict[str, float]
 
-    def share(self, names: tuple[str, ...]) -> FloatArray:
+    def share(self, names: Iterable[str]) -> FloatArray:
         """Share of the power of signals that is not the recorder's, of the worst, shape (n,).
 
         It falls with frequency from where it is largest: what follows a floor is no signal.
@@ -329,7 +330,7 @@ class Floors:
         share[largest:] = np.minimum.accumulate(share[largest:])
         return share
 
-    def usable(self, names: tuple[str, ...]) -> float:
+    def usable(self, names: Iterable[str]) -> float:
         """Frequency up to which half of the power of signals is not the recorder's [rad/s]."""
         above = self.omega[self.share(names) >= 0.5]
         return float(above[-1] if above.size else self.omega[0])

@@ -302,7 +302,6 @@ class ProfileSearch:
             end, level, starts = known[k, side], float(targets[k]), others[costs <= targets[k]]
             if not len(starts) or not self.box.lower[k] < end < self.box.upper[k]:
                 continue
-            starts[:, k] = end
             held = Box.holding(self.box, k, end)
             there = minimise(self.gram, starts, held, tolerance=1e-4, iterations=20)
             start, cost = there.values[0], float(there.cost[0])

@@ -276,15 +276,14 @@ def specification_of(
     power = smoothed_power(lines, residuals, remnant)
     # Lines that the recorder's noise reaches, or a filter, do not count in the estimate either.
     floors = floors_of(recording)
-    inputs = tuple(dict.fromkeys(channel.on for channel in model.channels))
-    clear = np.interp(omega, floors.omega, floors.share(inputs)) >= CLEAR
+    share = floors.share(channel.on for channel in model.channels)
+    clear = np.interp(omega, floors.omega, share) >= CLEAR
     clear &= omega <= min(highest, remnant.omega[-1])
     power = np.where(clear, power, np.inf)
     equations = Equations(lines, model, power, removed=1.0, fitted=values)
     gram = equations.gram(values[None])[0]
-    free = np.diag(covariance) > 0.0
     size = np.sqrt(np.diag(gram)[:-1])
-    free &= size > 0.0
+    free = (np.diag(covariance) > 0.0) & (size > 0.0)
     scale = size[free]
     information = gram[:-1, :-1][np.ix_(free, free)] / np.outer(scale, scale)
     score = gram[:-1, -1][free] / scale
