@@ -54,10 +54,8 @@ class LowPass:
         """Names of its parameters."""
         return ("frequency", "damping")[: self.order]
 
-    def power(
-        self, omega: FloatArray, values: FloatArray
-    ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
-        """Spectrum at `omega` [rad/s] and the derivatives of its logarithm.
+    def power(self, omega: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Spectra at `omega` [rad/s], and the derivatives of their logarithms.
 
         Parameters
         ----------
@@ -65,10 +63,14 @@ class LowPass:
             Frequencies, shape (n,).
         values
             Parameter sets, shape (sets, parameters).
+
+        Returns
+        -------
+        Shapes (sets, n) and (parameters, sets, n).
         """
         power, by_ratio = np.ones((len(values), omega.size)), np.zeros(1)
         if self.order == 0:
-            return power, ()
+            return power, np.zeros((0, *power.shape))
         ratio = (omega / values[:, :1]) ** 2  # (w / w0)^2
         by_damping: tuple[FloatArray, ...] = ()
         if self.order > 1:
@@ -79,7 +81,7 @@ class LowPass:
             by_damping = (-8.0 * damping * ratio / second,)
         if self.order != 2:
             power, by_ratio = power / (1.0 + ratio), by_ratio + 1.0 / (1.0 + ratio)
-        return power, (2.0 * ratio * by_ratio / values[:, :1], *by_damping)
+        return power, np.array([2.0 * ratio * by_ratio / values[:, :1], *by_damping])
 
     def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
         """Whitening filters and their derivatives.
@@ -99,10 +101,8 @@ class LowPass:
         if self.order == 0 and band.factor == 1:
             return np.ones((len(values), 1)), np.zeros((len(values), 0, 1))
         power, log_slopes = self.power(band.folded[0], values)
-        by_parameter = np.array([power * slope for slope in log_slopes])
-        by_parameter = by_parameter.reshape(len(self.keys), *power.shape)
         autocovariance = band.autocovariance(power, self.reach)
-        own_slopes = band.autocovariance(by_parameter, self.reach)
+        own_slopes = band.autocovariance(power * log_slopes, self.reach)
         lags = np.abs(np.subtract.outer(np.arange(self.reach), np.arange(self.reach)))
         inverse = np.linalg.inv(autocovariance[:, lags])
         taps = np.ones_like(autocovariance)
@@ -156,16 +156,15 @@ class BandPass(LowPass):
     def keys(self) -> tuple[str, ...]:
         return (*super().keys, "corner")
 
-    def power(
-        self, omega: FloatArray, values: FloatArray
-    ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    def power(self, omega: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Spectrum at `omega` [rad/s] and the derivatives of its logarithm, see `LowPass.power`."""
         power, slopes = super().power(omega, values[:, :-1])
         corner = values[:, -1:]
         below = omega**2 + corner**2
         # A hundredth is left at rest: a spectrum without power there has no filter.
         above = omega**2 + 1e-4 * corner**2
-        return power * above / below, (*slopes, 2e-4 * corner / above - 2.0 * corner / below)
+        by_corner = 2e-4 * corner / above - 2.0 * corner / below
+        return power * above / below, np.concatenate([slopes, by_corner[None]])
 
     def grid(self) -> tuple[FloatArray, ...]:
         """As `LowPass.grid`, coarser."""
@@ -195,11 +194,9 @@ class Autoregressive:
         return tuple(f"a{i}" for i in range(1, self.order + 1))
 
     def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
-        one = np.ones((len(values), 1))
-        slopes = np.broadcast_to(
-            np.eye(self.order, self.order + 1, k=1), (len(values), self.order, self.order + 1)
-        )
-        return np.concatenate([one, values], axis=1), slopes
+        shape = len(values), self.order, self.order + 1
+        taps = np.concatenate([np.ones((len(values), 1)), values], axis=1)
+        return taps, np.broadcast_to(np.eye(*shape[1:], k=1), shape)
 
     def filters(self, values: FloatArray, band: Band) -> FloatArray:
         return self.taps(values, band)[0]

@@ -31,7 +31,6 @@ from pilotid.recording.recording import Recording
 from pilotid.solve.intervals import errors_from, profile_intervals, with_information
 from pilotid.solve.least_squares import Problem, minimise, search
 from pilotid.spectral.coefficients import NEIGHBOURS, TREND, coefficients_of
-from pilotid.spectral.equations import Equations
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95, chi_squared_limit, covariance_of
 from pilotid.support.types import FloatArray
@@ -66,11 +65,6 @@ class ResponseFit(Problem):
         #: Rows that turn errors of the response into independent ones of variance 1.
         self.whitener: FloatArray = (directions[:, known] / np.sqrt(variances[known])).T / size
 
-    @property
-    def residuals(self) -> int:
-        """Number of independent residuals."""
-        return len(self.whitener)
-
     def rows(self, values: FloatArray) -> FloatArray:
         """Jacobian and below it the residual, both whitened.
 
@@ -95,7 +89,7 @@ def second_step(
     response: FrequencyResponse,
     rng: np.random.Generator,
     *,
-    problem: Equations | None = None,
+    problem: Problem | None = None,
     known: FloatArray | None = None,
 ) -> Estimate:
     """Fit a pilot model to a frequency response.
@@ -122,20 +116,21 @@ def second_step(
         An optimum found already, shape (1, parameters).
     """
     is_tested = problem is not None and recording.runs * recording.duration >= ESTIMATE.tested_from
-    fitted = problem or ResponseFit(response, model)
-    freedom = fitted.residuals - len(model.parameters)
+    problem = problem or ResponseFit(response, model)
+    residuals = problem.rows(model.start[None]).shape[-1]
+    freedom = residuals - len(model.parameters)
     if freedom < 0:
         return failed(
             name,
             model,
             Outcome.NOT_APPLICABLE,
-            f"the frequency response gives {fitted.residuals} independent numbers, too few for "
+            f"the frequency response gives {residuals} independent numbers, too few for "
             f"the {len(model.parameters)} parameters of model {model.name}",
         )
-    minima = search(fitted.gram, model, rng, known=known, candidates=12, refined=4)
+    minima = search(problem.gram, model, rng, known=known, candidates=12, refined=4)
     better = minima.values[:1]
     for _ in range(3):
-        end = with_information(minimise(fitted.gram, better, model), fitted.gram)
+        end = with_information(minimise(problem.gram, better, model), problem.gram)
         cost = float(end.cost[0])
         # The standardised residuals' variance is 1 unless it is larger than chance allows.
         clear = freedom > 0 and cost > chi_squared_limit(freedom, 1e-3)
@@ -145,7 +140,7 @@ def second_step(
             return failed(name, model, Outcome.SINGULAR)
         # Other ends of the search may be as likely.
         profile = profile_intervals(
-            fitted.gram, model, end, variance, len(covariance), others=minima.values
+            problem.gram, model, end, variance, len(covariance), others=minima.values
         )
         if profile.better is None:
             break

@@ -219,11 +219,6 @@ class Equations(Problem):
         self._lines = np.array([at_lines(signal) for signal in coefficients.inputs])
         self._beside = () if alone else tuple(beside(signal) for signal in coefficients.inputs)
 
-    @property
-    def residuals(self) -> int:
-        """Number of real residuals."""
-        return 2 * int(self._control.size)
-
     def rows(self, values: FloatArray) -> FloatArray:
         """Standardised Jacobian and residual, shape (sets, parameters + 1, residuals)."""
         rows = self._at(values)
