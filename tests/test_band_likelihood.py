@@ -20,6 +20,7 @@ from pilotid.likelihood.band_likelihood import (
     BandTerms,
     Weighting,
     closing_element,
+    most_likely_regression,
     weighting_of,
 )
 from pilotid.likelihood.likelihood import Likelihood
@@ -210,7 +211,8 @@ def test_samplers_have_the_same_likelihood(noise: NoiseModel) -> None:
     sets = centre * np.exp(0.01 * np.random.default_rng(1).standard_normal((12, centre.size)))
     found = likelihood.log_likelihood(sets[:, : likelihood.count])
     if noise.regressive:  # integrated out about the most likely coefficients, which have no slope
-        sets[:, 7:] = likelihood.regressed(likelihood.lagged_products(sets[:, :7]))[0][:, 1:]
+        given = likelihood.lagged_products(sets[:, :7]), prediction.band_terms
+        sets[:, 7:] = most_likely_regression(*given)[0][:, 1:]
     products = joint.gram(sets)
     expected = -0.5 * joint.residuals * np.log(products[:, -1, -1])
     if noise.regressive:

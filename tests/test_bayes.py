@@ -89,7 +89,7 @@ def test_autoregressive_coefficients_are_integrated_out(offset: float) -> None:
     logs = []
     for own in values:
         products = likelihood.lagged_products(own[None])[0]
-        centre = likelihood.regressed(products[None])[0][0, 1:]
+        centre = most_likely_regression(products[None], None)[0][0, 1:]
         spread = np.linalg.inv(products[1:, 1:])
         root = np.linalg.cholesky(spread * (products[0] @ np.array([1.0, *centre]))) / np.sqrt(
             likelihood.joint.residuals
@@ -277,9 +277,8 @@ def test_filters_that_cannot_be_inverted_and_unstable_loops_have_no_density() ->
     centre, covariance = posterior.approximation(optimum)
     points = np.random.default_rng(2).multivariate_normal(centre, covariance, 400)
     density = posterior.log_density(points)
-    taps, _ = most_likely_regression(
-        posterior.lagged_products(posterior.values(points)), optimum.joint.band_terms
-    )
+    products = posterior.lagged_products(posterior.values(points))
+    taps, _ = most_likely_regression(products, optimum.joint.band_terms)
     known = are_invertible(taps)
     assert not known.all()
     assert not np.isfinite(density[~known]).any()

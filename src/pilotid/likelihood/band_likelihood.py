@@ -28,6 +28,7 @@ import numpy as np
 from pilotid.checks.detectors import band_end
 from pilotid.checks.element_fit import closing_element
 from pilotid.likelihood.prepare import FAR
+from pilotid.likelihood.remnant_models import are_invertible
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
@@ -256,7 +257,7 @@ def most_likely_regression(
     -------
     Whitening filters, shape (sets, order + 1), and log-determinants there, shape (sets,), of the
     Hessians of (n / 2) log(sum of squares) - sum V log |A|^2; of half the sum of squares without a
-    band.
+    band.  They are NaN where it is no maximum.
     """
     taps, hessian = np.ones(products.shape[:2]), products[:, 1:, 1:]
     taps[:, 1:] = -np.linalg.solve(hessian, products[:, 1:, :1])[..., 0]
@@ -276,7 +277,9 @@ def most_likely_regression(
             hessian += 2.0 * ((inverse**2 * terms.whitened) @ shifts.T).real[:, sums]
             taps[:, 1:] -= np.linalg.solve(hessian, slope[..., None])[..., 0]
     sign, log_determinant = np.linalg.slogdet(hessian)
-    return taps, np.where(sign > 0.0, log_determinant, np.nan)
+    # In a band the likelihood of a filter that predicts from samples to come has no bound.
+    is_bounded = (sign > 0.0) & ((terms is None) | are_invertible(taps))
+    return taps, np.where(is_bounded, log_determinant, np.nan)
 
 
 def group_begins(omega: FloatArray, share: float, widest: float) -> list[int]:

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -579,27 +578,17 @@ def score_of_changes(
     list of Change
         Empty where the information is singular.
     """
-    size = np.sqrt(np.einsum("irt,irt->i", rows[:-1], rows[:-1]))
-    if not np.all(size > 0.0):
-        return []
-    scaled = rows / np.append(size, 1.0)[:, None, None]
-    # Sums over the samples after each time are sums over the stretches between times.
-    samples = rows.shape[-1]
-    ends = [*(math.floor(place * samples + 0.5) for place in places), samples]
-    stretches = [
-        np.tensordot(scaled[varying, :, begin:end], scaled[..., begin:end], ((1, 2), (1, 2)))
-        for begin, end in pairwise(ends)
-    ]
-    tails = np.cumsum(stretches[::-1], axis=0)[::-1]
-    jacobian, errors = scaled[:-1].reshape(len(size), -1), scaled[-1].ravel()
+    jacobian, errors = rows[:-1].reshape(len(rows) - 1, -1), rows[-1].ravel()
     inverse = covariance_of(jacobian @ jacobian.T, 1.0)
     if inverse is None:
         return []
-    variance = float(errors @ errors) / (errors.size - len(size))
+    variance = float(errors @ errors) / (errors.size - len(jacobian))
     # Directions that one part of the recording alone tells of cannot be tested, and are dropped.
     root = np.linalg.cholesky(inverse[np.ix_(varying, varying)])
     changes = []
-    for place, tail in zip(places, tails, strict=True):
+    for place in places:
+        after = rows[..., math.floor(place * rows.shape[-1] + 0.5) :]
+        tail = np.tensordot(after[varying], after, ((1, 2), (1, 2)))
         # What constant parameters, estimated along with it, make of a change is no sign of one.
         across, within = tail[:, :-1], tail[:, varying]
         score = tail[:, -1] - across @ (inverse @ (jacobian @ errors))
@@ -608,6 +597,6 @@ def score_of_changes(
         tested = sizes > ESTIMATE.shared_by_halves
         along = directions[:, tested].T @ root.T @ score
         statistic = float(np.sum(along**2 / sizes[tested])) / variance
-        steps = root @ directions[:, tested] @ (along / sizes[tested]) / size[varying]
+        steps = root @ directions[:, tested] @ (along / sizes[tested])
         changes.append(Change(place, statistic, along.size, steps))
     return changes

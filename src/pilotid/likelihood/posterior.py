@@ -44,7 +44,7 @@ from pilotid.estimate.quantities import Draws
 from pilotid.likelihood.band_likelihood import most_likely_regression
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import Optimum
-from pilotid.likelihood.remnant_models import NoiseModel, are_invertible
+from pilotid.likelihood.remnant_models import NoiseModel
 from pilotid.model.factors import Parameter
 from pilotid.model.model import PilotModel
 from pilotid.solve.least_squares import LogTransform
@@ -242,7 +242,7 @@ class Posterior:
         freedom, further = joint.residuals, np.zeros(len(values))
         if self.integrated:
             products = self.lagged_products(values)
-            taps, further = self.regressed(products)
+            taps, further = most_likely_regression(products, terms)
             sums = np.einsum("si,sij,sj->s", taps, products, taps)
             freedom -= self.integrated if terms is None else 0
         else:
@@ -300,14 +300,6 @@ class Posterior:
         lags = np.moveaxis(sliding_window_view(signal, prediction.scored, axis=-1), 2, 1)
         flat = prediction.without_nuisance(lags[:, ::-1]).reshape(len(values), order + 1, -1)
         return np.asarray(flat @ flat.transpose(0, 2, 1))
-
-    def regressed(self, products: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whitening filters that suit best, and log-determinants of what was integrated out."""
-        taps, further = most_likely_regression(products, self._terms)
-        if self._terms is None:
-            return taps, further
-        # In a band the likelihood of a filter that predicts from samples to come has no bound.
-        return taps, np.where(are_invertible(taps), further, np.nan)
 
     def approximation(self, maximum: Optimum) -> tuple[FloatArray, FloatArray]:
         """Mode of the likelihood and covariance there, on the inner scale.

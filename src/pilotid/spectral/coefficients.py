@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -92,26 +92,6 @@ class Coefficients:
             Residuals at lines and bins, shape (..., runs, all).
         """
         return np.asarray(np.einsum("nb,...nb->...n", self.trend, residuals[..., self.beside]))
-
-    def at_lines_alone(self, residuals: ComplexArray) -> Coefficients:
-        """The lines without the bins beside them, less what these residuals leak to them.
-
-        Parameters
-        ----------
-        residuals
-            Residuals at lines and bins, shape (runs, all).
-        """
-        none = np.zeros((self.lines, 0))
-        return replace(
-            self,
-            omega=self.omega[: self.lines],
-            control=self.control[:, : self.lines] - self.leakage(residuals),
-            inputs=self.inputs[:, :, : self.lines],
-            seen=self.seen[:, :, : self.lines],
-            beside=none.astype(int),
-            trend=none,
-            detrend=none[:, :, None],
-        )
 
     def power(self, residuals: ComplexArray, *, for_weights: bool = True) -> FloatArray:
         """Power of the remnant in the averaged coefficients at the lines, shape (n,).

@@ -87,13 +87,13 @@ class LinesFit:
         reach = np.minimum(reach, 100.0)  # of which exp is a number still
         return not spans_decade(np.exp(-reach), np.exp(reach))[model.positive].any()
 
-    def minimised(self, alone: Coefficients | None = None) -> LinesFit:
+    def minimised(self, residuals: ComplexArray | None = None) -> LinesFit:
         """The same with the parameters that fit best under this power, from these ones.
 
-        `alone` are coefficients of the lines to fit to; None for all that there are.
+        `residuals` are as of `Equations`.
         """
-        coefficients = alone or self.coefficients
-        problem = Equations(coefficients, self.model, self.power, 1.0, self.values)
+        given = self.coefficients, self.model, self.power, 1.0, self.values
+        problem = Equations(*given, residuals)
         end = minimise(problem.gram, self.values[None], self.model, tolerance=1e-6)
         return replace(self, values=end.values[0])
 
@@ -101,8 +101,7 @@ class LinesFit:
         """The same with the power and the leakage that these parameters leave, and a new fit."""
         coefficients = self.coefficients
         residuals = coefficients.residuals(self.model.response(coefficients.omega, self.values))
-        left = replace(self, power=coefficients.power(residuals))
-        return left.minimised(coefficients.at_lines_alone(residuals))
+        return replace(self, power=coefficients.power(residuals)).minimised(residuals)
 
 
 def fit_lines(
@@ -133,7 +132,7 @@ def fit_lines(
     coefficients = coefficients_of(recording, model, NEIGHBOURS, TREND)
     residuals = coefficients.first_residuals()
     power = coefficients.power(residuals)
-    first = Equations(coefficients.at_lines_alone(residuals), model, power)
+    first = Equations(coefficients, model, power, residuals=residuals)
     ends = search(first.gram, model, rng, candidates=candidates, refined=refined)
     pilot = best_pilot(recording, model, ends)
     if starts:
@@ -180,6 +179,9 @@ class Equations(Problem):
     fitted
         Parameters whose sensitivity the weights are told by, shape (parameters,); needed if
         `removed` is not 0.
+    residuals
+        Residuals at lines and bins whose leakage is taken from the control at the lines, which
+        stand alone then, shape (runs, all); None for the trend of the bins beside them.
     """
 
     def __init__(
@@ -189,14 +191,11 @@ class Equations(Problem):
         power: FloatArray,
         removed: float = 0.0,
         fitted: FloatArray | None = None,
+        residuals: ComplexArray | None = None,
     ) -> None:
-        self._at = model.at(coefficients.omega)
-        alone = coefficients.omega.size == coefficients.lines
-        if alone:
-            self.block = MANY
+        lines = coefficients.lines
         # Real and imaginary parts have half the power each.
         scale = np.sqrt(2.0 / power)
-        lines = coefficients.lines
         self._paths, self._removed = coefficients.paths, removed
         if removed and fitted is not None:
             responses = model.response(coefficients.omega[:lines], fitted)
@@ -215,9 +214,15 @@ class Equations(Problem):
             matrix[np.arange(lines)[:, None], coefficients.beside] = near
             return scale[:, None] * matrix[:, lines:]
 
-        self._control = at_lines(coefficients.control) + beside(coefficients.control).sum(axis=1)
-        self._lines = np.array([at_lines(signal) for signal in coefficients.inputs])
-        self._beside = () if alone else tuple(beside(signal) for signal in coefficients.inputs)
+        control, inputs = coefficients.control, coefficients.inputs
+        self._lines = np.array([at_lines(signal) for signal in inputs])
+        if residuals is None:
+            self._at = model.at(coefficients.omega)
+            self._control = at_lines(control) + beside(control).sum(axis=1)
+            self._beside = tuple(beside(signal) for signal in inputs)
+        else:
+            self._at, self._beside, self.block = model.at(coefficients.omega[:lines]), (), MANY
+            self._control = at_lines(control[:, :lines] - coefficients.leakage(residuals))
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Standardised Jacobian and residual, shape (sets, parameters + 1, residuals)."""
