@@ -113,10 +113,9 @@ def profile_about(optimum: Optimum) -> Profile | None:
     if covariance_of(optimum.information, optimum.variance) is None:
         return None
     remnant = optimum.values[joint.pilot_count :]
-    others = [off_bounds(optimum)]
-    if optimum.others:  # beside another remnant than they were found with
-        starts = np.array([np.concatenate([other.pilot, remnant]) for other in optimum.others])
-        others.insert(0, _ends(optimum, starts, joint))
+    # Beside another remnant than they were found with.
+    starts = [np.concatenate([other.pilot, remnant]) for other in optimum.others]
+    others = [_ends(optimum, np.array(starts), joint)] if starts else []
     return profile_intervals(
         optimum.search_problem.gram,
         joint,
@@ -125,7 +124,7 @@ def profile_about(optimum: Optimum) -> Profile | None:
         joint.pilot_count,
         estimated=optimum.freedom,
         widened=deviances(optimum) / CHI_SQUARED_95,
-        others=np.concatenate(others),
+        others=np.concatenate([*others, off_bounds(optimum)]),
     )
 
 
@@ -155,12 +154,11 @@ def off_bounds(optimum: Optimum) -> FloatArray:
 
 def _inside(optimum: Optimum) -> FloatArray:
     """The optimum with what lies at bounds in the middle of its usual range, (parameters,)."""
-    model, values = optimum.joint.prediction.model, optimum.values.copy()
-    at_bound = np.flatnonzero(is_at_bound(model, optimum.pilot))
+    model, pilot = optimum.joint.prediction.model, optimum.pilot
     low, high = model.usual
     middle = np.where(model.positive, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
-    values[at_bound] = middle[at_bound]
-    return values
+    inside = np.where(is_at_bound(model, pilot), middle, pilot)
+    return np.append(inside, optimum.values[pilot.size :])
 
 
 def _ends(optimum: Optimum, starts: FloatArray, space: Bounds) -> FloatArray:
@@ -197,10 +195,7 @@ def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
         Those of the profile about it.
     """
     joint, model = optimum.joint, optimum.joint.prediction.model
-    factors = [factor for channel in model.channels for factor in channel.dynamics]
-    systems = {factor: None for factor in factors if isinstance(factor, Neuromuscular)}
-    for system in systems:
-        f, d = model.index[system.frequency_key], model.index[system.damping_key]
+    for f, d in [at for factor, at in model.moving if isinstance(factor, Neuromuscular)]:
         start = optimum.values.copy()
         usual = (
             FREQUENCIES[0] < start[f] < FREQUENCIES[-1] and DAMPINGS[0] < start[d] < DAMPINGS[-1]

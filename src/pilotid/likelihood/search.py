@@ -475,12 +475,6 @@ class RemnantChoice:
     def __post_init__(self) -> None:
         self._first, self._fits = self.pilot, dict[NoiseModel, Optimum]()
 
-    def suited_fit(self) -> Optimum:
-        """The best of the models that suit what the pilot leaves, as exactly as is compared."""
-        best = self._best_of(None)
-        self.pilot = best.pilot
-        return best
-
     def full_fit(self) -> Optimum:
         """The best of all: its model is chosen anew as the pilot moves, in few rounds."""
         best = self.suited_fit()
@@ -490,20 +484,23 @@ class RemnantChoice:
                 break
         # Of many long autoregressions the first that suits depends on where the search came from.
         while others := [] if self.noise else neighbours(best.joint.noise):
-            better = self._best_of(others)
+            better = self.suited_fit(others)
             if abs(better.criterion - best.criterion + 0.1) < best.remaining_decrease:
                 best, better = self._refined(best), self._refined(better)
             if not better.criterion < best.criterion - 0.1:
                 break
-            best, self.pilot = better, better.pilot
+            best = better
         fits = self._fits.values()
         rivals = [
             f for f in fits if best.criterion < f.criterion < best.criterion + RIVAL_CRITERION
         ]
         return replace(best, iterations=sum(fit.iterations for fit in fits), rivals=rivals)
 
-    def _best_of(self, models: Sequence[NoiseModel] | None) -> Optimum:
-        """The best of some models, each with the pilot that goes with it; None for contenders."""
+    def suited_fit(self, models: Sequence[NoiseModel] | None = None) -> Optimum:
+        """The best of some models, each with the pilot that goes with it.
+
+        None for those that suit what the pilot leaves.  It is as exact as is compared.
+        """
         prediction = self.prediction
         products = lagged_products(prediction.errors(self.pilot))
         suited = products, prediction.runs * prediction.scored, prediction.band
@@ -515,7 +512,9 @@ class RemnantChoice:
             fits += [self._fitted(guess) for guess in guesses(*suited, filters)]
         best = min(fits, key=_criterion)
         near = [fit for fit in fits if not fit.criterion > best.criterion + best.remaining_decrease]
-        return best if len(near) == 1 else min(map(self._refined, near), key=_criterion)
+        best = best if len(near) == 1 else min(map(self._refined, near), key=_criterion)
+        self.pilot = best.pilot
+        return best
 
     def _fitted(self, guess: Guess) -> Optimum:
         """A model's fit, made when it is first asked for."""
