@@ -215,7 +215,7 @@ def _regression(prediction: Prediction, widest: Structure) -> Regression:
 
     def regression(terms: int) -> Regression:
         nuisance = prediction.nuisance_terms[:, :terms]
-        return Regression(output, inputs, widest, prediction.first, nuisance)
+        return Regression(output, inputs, widest, prediction.window.first, nuisance)
 
     full = regression(count)
     cost = full.cost(widest)

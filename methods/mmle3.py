@@ -153,12 +153,12 @@ class _Output:
         self._first, self._samples = recording.run_in, recording.u.shape[1]
         self.control = recording.u[:, self._first :]
         self.prediction = prediction = predict(recording, model)
-        begin = prediction.first - round(prediction.pre_history / recording.dt)
+        window, begin = prediction.window, prediction.window.before
         # Twice the signals at least, so that the convolution does not wrap around.
         self._length = next_fast_len(2 * self._samples, real=True)
         self._spectra = []
         for spectrum in prediction.spectra:
-            signal = np.fft.irfft(spectrum, n=prediction.length)[:, begin : begin + self._samples]
+            signal = np.fft.irfft(spectrum, n=window.length)[:, begin : begin + self._samples]
             self._spectra.append(np.fft.rfft(signal, n=self._length))
         # A step along one parameter leaves channels that it does not move as they are.
         self._transform = lru_cache(maxsize=2 * len(model.channels))(self._transform_of)

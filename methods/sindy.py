@@ -163,10 +163,10 @@ class Library:
         longest = max(1, math.floor(settings.longest_delay / self.dt + 1e-9))
         self._first = max(settings.own_lags, reach)
         control, inputs = prediction.signals
-        begin = prediction.first - self._first
+        begin = prediction.window.first - self._first
         self.control = control[:, begin:]
         self.inputs = [signal[:, begin:] for signal in inputs]
-        self.count = prediction.runs * (prediction.scored - 1)
+        self.count = prediction.runs * (prediction.window.scored - 1)
         # From the one that begins at one sample and has all lags.
         grid = range(1, min(longest, reach - 1) + 1)
         self._structures = [

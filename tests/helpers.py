@@ -241,10 +241,10 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
     Such a recording has no edges: its transform is the steady state itself.  The model must not
     vary in time.
     """
-    length = recording.samples
+    length, prediction = recording.samples, predict(recording, model)
     s = 2j * np.pi * np.fft.rfftfreq(length, recording.dt)
     return replace(
-        predict(recording, model),
+        prediction,
         s=s,
         spectra=tuple(
             channel.sign
@@ -253,9 +253,7 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
             for channel in model.channels
         ),
         control_spectrum=np.fft.rfft(recording.window(recording.u)),
-        length=length,
-        first=0,
-        scored=length,
+        window=replace(prediction.window, length=length, first=0, scored=length),
         nuisance_poles=(),
     )
 

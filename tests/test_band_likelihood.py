@@ -323,7 +323,7 @@ def problem_of(
     """Exact problem, that of a search, and two points: a pilot with the remnant it leaves."""
     pilots = prediction.model.start * np.array([[1.0], [0.9]])
     residual = prediction.errors(pilots[0])
-    remnant = np.tile(guess_parameters(noise, residual, prediction.band), (2, 1))
+    remnant = np.tile(guess_parameters(noise, residual, prediction.window.band), (2, 1))
     exact, adjoint = (Likelihood(prediction, noise, adjoint=each) for each in (False, True))
     return exact, adjoint, np.hstack([pilots, remnant])
 
@@ -353,9 +353,9 @@ def test_slopes_are_exact_with_every_remnant(
 
 def test_slopes_are_exact_of_transforms_of_odd_length() -> None:
     prediction = prediction_of(NOMINAL.model, 2)
-    length = prediction.length - 1
+    length = prediction.window.length - 1
     signals = [
-        np.fft.irfft(each, n=prediction.length)[:, :length]
+        np.fft.irfft(each, n=prediction.window.length)[:, :length]
         for each in (*prediction.spectra, prediction.control_spectrum)
     ]
     *inputs, control = (np.fft.rfft(each) for each in signals)
@@ -364,7 +364,7 @@ def test_slopes_are_exact_of_transforms_of_odd_length() -> None:
         s=2j * np.pi * np.fft.rfftfreq(length, prediction.dt),
         spectra=tuple(inputs),
         control_spectrum=control,
-        length=length,
+        window=replace(prediction.window, length=length),
     )
     exact, adjoint, points = problem_of(odd, LowPass(1))
     assert_last_rows_equal(exact.gram(points), adjoint.gram(points))

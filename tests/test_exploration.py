@@ -58,7 +58,7 @@ def test_without_groups_the_reduction_is_the_windowed_transform(
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(1))
     prediction = predict(recording, NOMINAL.model, 50.0)
     values = 1.1 * NOMINAL.values[None]
-    scored = prediction.scored
+    scored = prediction.window.scored
     window = np.sqrt(8.0 / 3.0) * np.hanning(scored + 1)[:-1]
     given = np.array([*prediction.spectra, prediction.control_spectrum])
     # Half a sample's shift of the window makes no difference that counts.

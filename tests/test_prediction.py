@@ -112,7 +112,7 @@ def test_rows_are_the_derivatives_of_the_prediction_and_its_residual(
     values = apart(scenario.values)
     rows = prediction.samples_of(prediction.row_spectra(values))
     count = values.shape[1]
-    assert rows.shape == (2, count + 1, 2, prediction.scored)
+    assert rows.shape == (2, count + 1, 2, prediction.window.scored)
     for point, row in zip(values, rows, strict=True):
         np.testing.assert_allclose(row[-1], prediction.residual(point), atol=1e-12)
         slopes = -differences(prediction.residual, point, 1e-5 * point)

@@ -137,7 +137,7 @@ def test_information_is_what_whitened_recordings_hold() -> None:
         gram = joint.gram(values)[0]
         # Scaled to the full length: without run-in a part of the record is not scored.
         grams.append(gram[:-1, :-1] / (gram[-1, -1] / joint.residuals))
-        grams[-1] *= scenario.duration / (prediction.scored * prediction.dt)
+        grams[-1] *= scenario.duration / (prediction.window.scored * prediction.dt)
     information = np.array(grams)
     found = bounds(experiment_of(scenario), band=np.pi / band.dt)
     scale = np.sqrt(np.diag(np.linalg.inv(found.full)))

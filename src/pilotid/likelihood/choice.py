@@ -209,7 +209,7 @@ def by_likelihood(
     terms = tuple(
         sorted({term for optimum in maxima for term in optimum.joint.prediction.nuisance_poles})
     )
-    scored = min(optimum.joint.prediction.scored for optimum in maxima)
+    scored = min(optimum.joint.prediction.window.scored for optimum in maxima)
     return [_judged(recording, _with_terms(optimum, terms), scored) for optimum in maxima]
 
 
@@ -224,7 +224,8 @@ def _with_terms(optimum: Optimum, terms: tuple[float, ...]) -> Optimum:
 
 def _judged(recording: Recording, optimum: Optimum, scored: int) -> Candidate:
     """What an optimum says for its model by so many scored samples."""
-    values, prediction = optimum.values, replace(optimum.joint.prediction, scored=scored)
+    values, whole = optimum.values, optimum.joint.prediction
+    prediction = replace(whole, window=replace(whole.window, scored=scored))
     joint = Likelihood(prediction, optimum.joint.noise)
     model, pilot = prediction.model, optimum.pilot
     runs = prediction.runs

@@ -20,7 +20,6 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.checks.detectors import band_end, is_resampled, step_of
-from pilotid.checks.element_fit import closing_element
 from pilotid.checks.plant import element_changes, is_gain
 from pilotid.estimate.estimate import Estimate, Outcome, is_at_bound
 from pilotid.estimate.quantities import Specification, score_test
@@ -101,19 +100,15 @@ class Moments(Problem):
         fitted = optimum.joint.prediction
         reference = references(recording, fitted.model, values, element)
         # In whole periods what a forcing function leaves at its own lines is zero.
-        self._prediction, other = (
-            replace(
-                predict(whole, fitted.model, fitted.band.limit),
-                nuisance_poles=fitted.nuisance_poles,
-                weighting=fitted.weighting,
-            )
-            for whole in (recording, reference)
+        whole, other = (
+            predict(each, fitted.model, fitted.window.band.limit) for each in (recording, reference)
         )
         self._taps, whitener = optimum.whitener, Whitener(optimum.whitener)
+        poles, weighting = fitted.nuisance_poles, fitted.weighting
+        self._prediction = replace(whole, nuisance_poles=poles, weighting=weighting)
         self._whitened = Likelihood(replace(self._prediction, nuisance_poles=()), whitener)
-        self._instruments = self._weighed(Likelihood(other, whitener).rows(optimum.pilot[None]))[
-            0, :-1
-        ]
+        alike = Likelihood(replace(self._prediction, spectra=other.spectra), whitener)
+        self._instruments = self._weighed(alike.rows(optimum.pilot[None]))[0, :-1]
         self.weigh_at(values)
 
     def weigh_at(self, values: FloatArray) -> None:
@@ -153,16 +148,12 @@ def specification_by_instruments(
     against
         The method whose moments they are.
     """
-    prediction = optimum.joint.prediction
-    model = prediction.model
+    weighting, model = optimum.joint.prediction.weighting, optimum.joint.prediction.model
     driven = any(np.ptp(s) > 0.0 for s in forcing_functions(recording))
-    if model.changes or prediction.weighting is None or not driven:
-        return None
-    element = closing_element(recording)
-    if element is None or not is_stable(model, values, element):
+    if weighting is None or not driven or not is_stable(model, values, weighting.element):
         return None
     try:
-        moments = Moments(optimum, recording, element, values)
+        moments = Moments(optimum, recording, weighting.element, values)
     except np.linalg.LinAlgError:  # a parameter that no forcing function excites
         return None
     rows = moments.rows(values[None])[0]
@@ -203,8 +194,8 @@ def drift_left(joint: Likelihood, values: FloatArray) -> tuple[float, FloatArray
     pilot, band = values[: joint.pilot_count], joint.band
     terms = tuple(dict.fromkeys((0.0, *joint.prediction.nuisance_poles)))  # an offset is no drift
     prediction = replace(joint.prediction, nuisance_poles=terms)
-    line = prediction.without_nuisance(np.linspace(-0.5, 0.5, prediction.scored))
-    residual = prediction.without_nuisance(prediction.residual(pilot))
+    line = prediction.without_nuisance(np.linspace(-0.5, 0.5, prediction.window.scored))
+    residual = prediction.errors(pilot)
     flat = residual - np.outer(residual @ line, line) / (line @ line)
     taps = best_noise_model(flat, band).whitener(band)
     rows = Likelihood(prediction, Whitener(taps)).rows(pilot[None])[0].reshape(pilot.size + 1, -1)
@@ -436,7 +427,7 @@ def gains_change(optimum: Optimum) -> Remark | None:
     shares = best.steps / optimum.pilot[varying]
     if chance >= ESTIMATE.seldom or np.abs(shares).max() < ESTIMATE.changes_by:
         return None
-    time = prediction.time[0] + best.place * prediction.scored * prediction.dt
+    time = prediction.time[0] + best.place * prediction.window.scored * prediction.dt
     keys = [model.keys[i] for i in varying]
     steps = [f"{key} by {100.0 * share:+.0f} %" for key, share in zip(keys, shares, strict=True)]
     return Remark(

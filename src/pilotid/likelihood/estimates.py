@@ -23,7 +23,6 @@ from pilotid.estimate.estimate import (
 )
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction, predict
-from pilotid.likelihood.prepare import window_of
 from pilotid.likelihood.remnant_models import best_noise_model, filter_of
 from pilotid.likelihood.search import SEARCH_BAND
 from pilotid.model.model import PilotModel
@@ -304,7 +303,7 @@ def prediction_errors(
 
     if fitted_to is not None:
         known, prediction = prepared(fitted_to, BAND), prepared(recording, BAND)
-        taps = best_noise_model(known.errors(values), known.band).whitener(known.band)
+        taps = best_noise_model(known.errors(values), known.window.band).whitener(known.window.band)
         variance = float(np.mean(known.errors(values, taps) ** 2))
     elif remnant is not None:
         band, taps, variance = filter_of(remnant, recording.dt)
@@ -322,10 +321,9 @@ def inputs_of(recording: Recording, prediction: Prediction) -> dict[str, FloatAr
 
     By the signal's name, low-passed to the band and without its mean.
     """
-    window = window_of(recording, prediction.model, prediction.band.limit)
     inputs = {}
     for key in dict.fromkeys(channel.on for channel in prediction.model.channels):
-        signal = prediction.samples_of(window.transformed(recording.input(key)))
+        signal = prediction.samples_of(prediction.window.transformed(recording.input(key)))
         inputs[key] = signal - signal.mean(axis=1, keepdims=True)
     return inputs
 
@@ -363,7 +361,7 @@ def _frame(prediction: Prediction, name: str, errors: FloatArray) -> DataFrame:
 
     control, runs = prediction.control, prediction.runs
     columns = {
-        "run": np.repeat(np.arange(1, runs + 1), prediction.scored),
+        "run": np.repeat(np.arange(1, runs + 1), prediction.window.scored),
         "time": np.tile(prediction.time, runs),
         "control": control.ravel(),
     }

@@ -51,7 +51,7 @@ class Likelihood(Problem):
     ) -> None:
         self.prediction, self.noise, self.adjoint = prediction, noise, adjoint
         self.invertible = invertible
-        self.band, self.band_terms = prediction.band, prediction.band_terms
+        self.band, self.band_terms = prediction.window.band, prediction.band_terms
         self.block = (prediction.binned if adjoint else prediction).block
         model = prediction.model
         self.pilot_count = len(model.parameters)
@@ -211,7 +211,8 @@ class Likelihood(Problem):
         FloatArray
             Shape (parameters + 1,).
         """
-        prediction, length = self.prediction, self.prediction.length
+        prediction, window = self.prediction, self.prediction.window
+        length, first = window.length, window.first
         evaluated = prediction.model.evaluated(prediction.s, values[None, : self.pilot_count])
         parts = prediction.parts(prediction.model.responses_of(evaluated))
         residual = prediction.control_spectrum - reduce(np.add, parts)[0]
@@ -221,7 +222,7 @@ class Likelihood(Problem):
         if self.band_terms is not None:
             errors = prediction.without_nuisance(self.band_terms.filtered(errors))
         padded = np.zeros((prediction.runs, length))
-        padded[:, prediction.first : prediction.first + prediction.scored] = errors
+        padded[:, first : first + window.scored] = errors
         # Bins stand for two, but for the first and the one at half the sampling rate.
         counted = np.full(length // 2 + 1, 2.0 / length)
         counted[[0] if length % 2 else [0, -1]] = 1.0 / length

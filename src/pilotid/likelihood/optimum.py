@@ -275,7 +275,7 @@ class Optimum:
     def variance_factor(self) -> float:
         """Factor on variances, and on the deviance that an interval goes to."""
         prediction = self.joint.prediction
-        seconds = prediction.runs * prediction.scored * prediction.dt
+        seconds = prediction.runs * prediction.window.scored * prediction.dt
         return (1.0 + BARTLETT_SECONDS / seconds) * self.dispersion
 
     @cached_property

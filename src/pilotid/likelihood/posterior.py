@@ -292,12 +292,12 @@ class Posterior:
             # Fitted to the scored samples and taken out of all: what is left of them at other
             # lags is then small beside the residual, whatever the offset was.
             amplitudes = signal[..., order:] @ np.linalg.pinv(prediction.nuisance_terms).T
-            time = np.arange(-order, prediction.scored) * prediction.dt
+            time = np.arange(-order, prediction.window.scored) * prediction.dt
             signal = signal - amplitudes @ np.exp(np.outer(prediction.nuisance_poles, time))
         if self._terms is not None:
             outside = self._terms.outside[: order + 1, : order + 1]
             return self._terms.lagged_products(signal, order) + outside
-        lags = np.moveaxis(sliding_window_view(signal, prediction.scored, axis=-1), 2, 1)
+        lags = np.moveaxis(sliding_window_view(signal, prediction.window.scored, axis=-1), 2, 1)
         flat = prediction.without_nuisance(lags[:, ::-1]).reshape(len(values), order + 1, -1)
         return np.asarray(flat @ flat.transpose(0, 2, 1))
 

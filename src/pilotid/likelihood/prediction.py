@@ -16,7 +16,7 @@ from functools import cached_property, reduce
 import numpy as np
 
 from pilotid.likelihood.band_likelihood import BandTerms, Weighting, group_begins
-from pilotid.likelihood.prepare import FAR, Band, Window, window_of
+from pilotid.likelihood.prepare import FAR, Window, window_of
 from pilotid.model.channel import Changing, Channel
 from pilotid.model.factors import Evaluated, Response
 from pilotid.model.model import PilotModel
@@ -35,8 +35,8 @@ class FineInput:
     ----------
     changing
         What varies.
-    window, ratio
-        Of the band, and number of fine samples for each sample of it.
+    ratio
+        Number of fine samples for each sample of the band.
     signals
         The signed input and its derivatives, shape (order + 1, runs, samples); the samples are
         those of the whole transform, a few for each of its own.
@@ -45,16 +45,17 @@ class FineInput:
     """
 
     changing: Changing
-    window: Window
     ratio: int
     signals: FloatArray
     time: FloatArray
 
-    def modulated(self, values: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def modulated(self, window: Window, values: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Transforms of the modulated input and of its derivatives by what varies.
 
         Parameters
         ----------
+        window
+            Of the band.
         values
             Sets of the parameters of what varies, shape (sets, parameters).
 
@@ -63,7 +64,7 @@ class FineInput:
         Arrays of shape (sets, runs, bins) and (sets, parameters, runs, bins).
         """
         modulated = self.changing.modulated(self.signals, self.time, values)
-        signal, slopes = (self.window.decimated(np.fft.rfft(m), self.ratio) for m in modulated)
+        signal, slopes = (window.decimated(np.fft.rfft(m), self.ratio) for m in modulated)
         return signal, slopes
 
 
@@ -80,7 +81,7 @@ def fine_input(recording: Recording, channel: Channel, window: Window) -> FineIn
     spectra = [window.spectrum(signal, ratio, channel.derivative + order) for order in orders]
     signals = np.fft.irfft(np.array(spectra), n=count)
     time = recording.time[0] + (np.arange(count) * step - window.before) * recording.dt
-    return FineInput(channel.changing, window, ratio, signals, time)
+    return FineInput(channel.changing, ratio, signals, time)
 
 
 #: Largest width of a bin of the binned spectra [rad/s]: a delay of 1 s turns by 20 deg over it.
@@ -96,18 +97,14 @@ class Prediction:
     ----------
     model
         The pilot model.
-    band
-        The analysis band that it was prepared in.
+    window
+        Where the recording lies among the samples of the analysis band, and what is scored.
     s
         Laplace variable at the bins of the transform, shape (bins,).
     spectra
         Per channel, the transform of its signed input, shape (runs, bins).
     control_spectrum
         Transform of the control, shape (runs, bins).
-    length
-        Length of the transform.
-    first, scored
-        Index of the first scored sample, and number of scored samples.
     time
         Time of the scored samples [s], shape (scored,).
     pre_history
@@ -126,13 +123,10 @@ class Prediction:
     """
 
     model: PilotModel
-    band: Band
+    window: Window
     s: ComplexArray
     spectra: tuple[ComplexArray, ...]
     control_spectrum: ComplexArray
-    length: int
-    first: int
-    scored: int
     time: FloatArray
     pre_history: float
     nuisance_poles: tuple[float, ...]
@@ -144,7 +138,7 @@ class Prediction:
     @property
     def dt(self) -> float:
         """Sampling interval of the scored samples [s]."""
-        return self.band.dt
+        return self.window.band.dt
 
     @property
     def runs(self) -> int:
@@ -191,14 +185,16 @@ class Prediction:
     @property
     def samples(self) -> int:
         """Scored samples of all runs, less the nuisance terms fitted to each run."""
-        return self.counted or self.runs * (self.scored - len(self.nuisance_poles))
+        return self.counted or self.runs * (self.window.scored - len(self.nuisance_poles))
 
     @cached_property
     def band_terms(self) -> BandTerms | None:
         """What the likelihood of the band has beside squares; None for direct prediction errors."""
         if self.weighting is None:
             return None
-        return BandTerms(self.weighting, self.dt, self.scored, self.runs, self.nuisance_poles)
+        return BandTerms(
+            self.weighting, self.dt, self.window.scored, self.runs, self.nuisance_poles
+        )
 
     @cached_property
     def loop(self) -> Prediction:
@@ -278,7 +274,7 @@ class Prediction:
         parts = self.parts(self.model.moving_responses(self.s, values))
         for c, fine in self.fine.items():
             indices = list(self.model.changing_indices[c])
-            parts[c] = parts[c] * fine.modulated(values[:, indices])[0]
+            parts[c] = parts[c] * fine.modulated(self.window, values[:, indices])[0]
         return np.asarray(self.control_spectrum - reduce(np.add, parts))
 
     def parts(self, responses: Sequence[Response]) -> list[ComplexArray]:
@@ -349,7 +345,7 @@ class Prediction:
         parts = self.parts(model.responses_of(evaluated))
         for c, fine in self.fine.items():
             indices = list(model.changing_indices[c])
-            signal, slopes = fine.modulated(values[:, indices])
+            signal, slopes = fine.modulated(self.window, values[:, indices])
             spectrum[:, indices] += slopes * parts[c][:, None]
             parts[c] = parts[c] * signal
         spectrum[:, -1] = reduce(np.subtract, parts, self.control_spectrum)
@@ -387,9 +383,9 @@ class Prediction:
     @property
     def signals(self) -> tuple[FloatArray, list[FloatArray]]:
         """Control and signed inputs behind their fixed dynamics, each (runs, first + scored)."""
-        end = self.first + self.scored
+        end = self.window.first + self.window.scored
         control, *inputs = (
-            np.fft.irfft(spectrum, n=self.length)[:, :end]
+            np.fft.irfft(spectrum, n=self.window.length)[:, :end]
             for spectrum in (self.control_spectrum, *self.inputs)
         )
         return control, inputs
@@ -440,7 +436,7 @@ class Prediction:
         if self.model.changes:
             _, sums = np.linalg.eigh(self.control @ self.control.T)
             return self.mixed(sums[:, -2:].T) if self.runs > 2 else self
-        scored = self.scored
+        scored = self.window.scored
         window = np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(scored) + 0.5) / scored) ** 2
         given = np.array([*self.spectra, self.control_spectrum])
         signals = np.fft.rfft(self.samples_of(given) * window)
@@ -507,7 +503,7 @@ class Prediction:
         Exponentials are eigenfunctions of filters: whitening only scales them, so that
         the space to project out is the same for every whitening filter.
         """
-        return np.exp(np.outer(np.arange(self.scored) * self.dt, self.nuisance_poles))
+        return np.exp(np.outer(np.arange(self.window.scored) * self.dt, self.nuisance_poles))
 
     @cached_property
     def nuisance_basis(self) -> FloatArray:
@@ -524,10 +520,10 @@ class Prediction:
 
     def samples_before(self, spectrum: ComplexArray, most: int) -> FloatArray:
         """The scored samples of transforms and `most` samples before, (..., most + scored)."""
-        signal, first = np.fft.irfft(spectrum, n=self.length), self.first
+        signal, first = np.fft.irfft(spectrum, n=self.window.length), self.window.first
         if first < most:  # a transform has no beginning: what is before it is its end
             signal, first = np.concatenate([signal[..., -most:], signal], axis=-1), first + most
-        return signal[..., first - most : first + self.scored]
+        return signal[..., first - most : first + self.window.scored]
 
     def samples_of(self, spectrum: ComplexArray) -> FloatArray:
         """The scored samples of transforms, (..., scored); of few frequencies, real numbers."""
@@ -567,13 +563,10 @@ def predict(
     )
     return Prediction(
         model=model,
-        band=window.band,
+        window=window,
         s=np.asarray(1j * window.step * np.arange(window.length // 2 + 1), dtype=complex),
         spectra=spectra,
         control_spectrum=window.transformed(recording.u),
-        length=window.length,
-        first=window.first,
-        scored=window.scored,
         time=recording.time[0] + first * recording.dt + np.arange(window.scored) * dt,
         pre_history=first * recording.dt,
         nuisance_poles=(0.0, *model.fixed_poles),

@@ -374,18 +374,16 @@ def _starts(
 
     A delay that is wrong by a period of the strongest line is the commonest wrong optimum.
     """
-    low, high = model.usual
+    (low, high), at = model.usual, np.arange(best.size)
     moved = []
     for index, parameter in enumerate(model.parameters):
         if not parameter.linear:  # gains are solved for
             between = (0.5 * (low[index] + high[index]),) if parameter.delay else ()
-            for value in (low[index], *between, high[index]):
-                moved.append(best.copy())
-                moved[-1][index] = value
+            values = low[index], *between, high[index]
+            moved += [np.where(at == index, value, best) for value in values]
     times = model.indices_of(Lag | Lead)
     if len(times) > 1:  # a slow lag with a lead is much like a fast one with another
-        moved.append(best.copy())
-        moved[-1][times] = low[times]
+        moved.append(np.where(np.isin(at, times), low, best))
     moved += model.changes_elsewhere(best)
     return np.array([*moved, *draw_starts(model, rng, count), model.start])
 
@@ -503,7 +501,7 @@ class RemnantChoice:
         """
         prediction = self.prediction
         products = lagged_products(prediction.errors(self.pilot))
-        suited = products, prediction.runs * prediction.scored, prediction.band
+        suited = products, prediction.runs * prediction.window.scored, prediction.window.band
         models = [self.noise] if self.noise else models
         every = contenders(*suited) if models is None else guesses(*suited, models)
         fits = [self._fitted(guess) for guess in every]

@@ -213,7 +213,7 @@ def moved(values: FloatArray, prediction: Prediction, rng: np.random.Generator) 
     model = prediction.model
     for _ in range(2):
         residual = prediction.errors(values)
-        taps = np.append(1.0, guess_parameters(Autoregressive(8), residual, prediction.band))
+        taps = np.append(1.0, guess_parameters(Autoregressive(8), residual, prediction.window.band))
         prediction = prediction.with_noticeable_terms(values, taps)
         errors = Likelihood(prediction, Whitener(taps))
         values = minimise(errors.gram, values[None], model, tolerance=1e-5, iterations=20).values[0]
