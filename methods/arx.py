@@ -210,12 +210,14 @@ class ARX:
 
 def _regression(prediction: Prediction, widest: Structure) -> Regression:
     """The regression with those nuisance terms that the recording shows."""
-    output, inputs = prediction.signals
+    first = prediction.window.first
+    output = prediction.samples_before(prediction.control_spectrum, first)
+    inputs = [prediction.samples_before(signal, first) for signal in prediction.inputs]
     count = len(prediction.nuisance_poles)
 
     def regression(terms: int) -> Regression:
         nuisance = prediction.nuisance_terms[:, :terms]
-        return Regression(output, inputs, widest, prediction.window.first, nuisance)
+        return Regression(output, inputs, widest, first, nuisance)
 
     full = regression(count)
     cost = full.cost(widest)

@@ -162,10 +162,9 @@ class Library:
         reach = max(2, math.floor(settings.memory / self.dt + 1e-9))
         longest = max(1, math.floor(settings.longest_delay / self.dt + 1e-9))
         self._first = max(settings.own_lags, reach)
-        control, inputs = prediction.signals
-        begin = prediction.window.first - self._first
-        self.control = control[:, begin:]
-        self.inputs = [signal[:, begin:] for signal in inputs]
+        self.control = prediction.samples_before(prediction.control_spectrum, self._first)
+        inputs = prediction.inputs
+        self.inputs = [prediction.samples_before(signal, self._first) for signal in inputs]
         self.count = prediction.runs * (prediction.window.scored - 1)
         # From the one that begins at one sample and has all lags.
         grid = range(1, min(longest, reach - 1) + 1)

@@ -31,7 +31,7 @@ from pilotid.likelihood.remnant_models import (
     BandPass,
     LowPass,
     NoiseModel,
-    guess_parameters,
+    lagged_products,
 )
 from pilotid.methods import MLE
 from pilotid.model.catalogue import MODELS
@@ -75,7 +75,7 @@ def banded(recording: Recording, scenario: Scenario, terms: tuple[float, ...]) -
 
 def near_truth(joint: Likelihood, scenario: Scenario) -> FloatArray:
     residual = joint.prediction.residual(scenario.values)
-    remnant = guess_parameters(joint.noise, residual, joint.band)
+    remnant = joint.noise.guess(lagged_products(residual), joint.band)[0]
     return np.concatenate([1.07 * scenario.values, remnant])
 
 
@@ -139,9 +139,8 @@ def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> No
         loop = np.abs(1.0 + element * (on_error + on_output)) ** 2
         return float(weights @ (left / spectrum - np.log(loop)) + described @ np.log(spectrum))
 
-    first = np.concatenate(
-        [truth, guess_parameters(LowPass(2), prediction.residual(truth), joint.band)]
-    )
+    products = lagged_products(prediction.residual(truth))
+    first = np.concatenate([truth, LowPass(2).guess(products, joint.band)[0]])
     sets = [first]
     for index in range(first.size):
         for factor in (0.8, 1.25):
@@ -323,7 +322,7 @@ def problem_of(
     """Exact problem, that of a search, and two points: a pilot with the remnant it leaves."""
     pilots = prediction.model.start * np.array([[1.0], [0.9]])
     residual = prediction.errors(pilots[0])
-    remnant = np.tile(guess_parameters(noise, residual, prediction.window.band), (2, 1))
+    remnant = np.tile(noise.guess(lagged_products(residual), prediction.window.band)[0], (2, 1))
     exact, adjoint = (Likelihood(prediction, noise, adjoint=each) for each in (False, True))
     return exact, adjoint, np.hstack([pilots, remnant])
 

@@ -13,7 +13,7 @@ from pilotid.estimate.estimate import Estimate, Outcome
 from pilotid.estimate.quantities import FrequencyResponse, circular, real_parts
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.prepare import Band
-from pilotid.likelihood.remnant_models import Autoregressive, guess_parameters
+from pilotid.likelihood.remnant_models import Autoregressive, lagged_products
 from pilotid.likelihood.second_step import (
     MAX_MOVE,
     ResponseFit,
@@ -163,7 +163,7 @@ def test_the_whitener_of_an_autoregression_is_its_coefficients() -> None:
     signal = np.zeros_like(noise)
     for t in range(2, noise.shape[1]):
         signal[:, t] = 1.2 * signal[:, t - 1] - 0.5 * signal[:, t - 2] + noise[:, t]
-    found = guess_parameters(Autoregressive(3), signal, Band(0.02, 1))
+    found = Autoregressive(3).guess(lagged_products(signal), Band(0.02, 1))[0]
     assert found == pytest.approx([-1.2, 0.5, 0.0], abs=0.03)
 
 

@@ -246,6 +246,7 @@ def predicted(estimate: Estimate, recording: Recording, fitted_to: Recording | N
 
 def scored(estimate: Estimate, recording: Recording, fitted_to: Recording | None) -> Score:
     """See `Estimate.score`."""
+    _require_values(estimate)
     log_score = math.nan
     if estimate.remnant is not None or fitted_to is not None:
         _, errors, variance = prediction_errors(recording, estimate, fitted_to)

@@ -51,7 +51,10 @@ class Likelihood(Problem):
     ) -> None:
         self.prediction, self.noise, self.adjoint = prediction, noise, adjoint
         self.invertible = invertible
-        self.band, self.band_terms = prediction.window.band, prediction.band_terms
+        self.band, terms = prediction.window.band, prediction.band_terms
+        self.band_terms = terms
+        #: Number of prediction errors, see `Prediction.samples`; in a band that of its bins.
+        self.residuals = prediction.samples if terms is None else terms.residuals
         self.block = (prediction.binned if adjoint else prediction).block
         model = prediction.model
         self.pilot_count = len(model.parameters)
@@ -64,11 +67,6 @@ class Likelihood(Problem):
     def coarse(self) -> Likelihood:
         """The same of binned spectra."""
         return Likelihood(self.prediction.binned, self.noise)
-
-    @property
-    def residuals(self) -> int:
-        """Number of prediction errors, see `Prediction.samples`; in a band that of its bins."""
-        return self.prediction.samples if self.band_terms is None else self.band_terms.residuals
 
     def taps(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Whitening filters of parameter sets, and their slopes, see `LowPass.taps`."""

@@ -380,16 +380,6 @@ class Prediction:
         fixed = self.model.fixed_responses(self.s)
         return [response * spectrum for response, spectrum in zip(fixed, self.spectra, strict=True)]
 
-    @property
-    def signals(self) -> tuple[FloatArray, list[FloatArray]]:
-        """Control and signed inputs behind their fixed dynamics, each (runs, first + scored)."""
-        end = self.window.first + self.window.scored
-        control, *inputs = (
-            np.fft.irfft(spectrum, n=self.window.length)[:, :end]
-            for spectrum in (self.control_spectrum, *self.inputs)
-        )
-        return control, inputs
-
     def weighted_rows(self, rows: FloatArray) -> FloatArray:
         """Rows of samples as real numbers whose products are those of the likelihood."""
         terms = self.band_terms

@@ -21,7 +21,7 @@ from pilotid.estimate.estimate import Estimate, is_at_bound
 from pilotid.likelihood.optimum import Optimum, best_of
 from pilotid.model.factors import Neuromuscular
 from pilotid.solve.intervals import Profile, covariance_at_bounds, errors_from, profile_intervals
-from pilotid.solve.least_squares import Bounds, Box, minimise
+from pilotid.solve.least_squares import Bounds, Box, Minima, minimise
 from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO, Z95, covariance_of
 from pilotid.support.types import FloatArray
 
@@ -115,7 +115,7 @@ def profile_about(optimum: Optimum) -> Profile | None:
     remnant = optimum.values[joint.pilot_count :]
     # Beside another remnant than they were found with.
     starts = [np.concatenate([other.pilot, remnant]) for other in optimum.others]
-    others = [_ends(optimum, np.array(starts), joint)] if starts else []
+    others = [_ends(optimum, np.array(starts), joint).values] if starts else []
     return profile_intervals(
         optimum.search_problem.gram,
         joint,
@@ -145,7 +145,7 @@ def off_bounds(optimum: Optimum) -> FloatArray:
     # The bounds give a held parameter its value in all starts.
     starts = [inside, *(np.concatenate([pilot, remnant]) for pilot in optimum.lines_pilot)]
     points = [
-        _ends(optimum, np.array(starts), Box.holding(joint, k, value))
+        _ends(optimum, np.array(starts), Box.holding(joint, k, value)).values
         for k in at_bound.tolist()
         for value in (low[k], inside[k], high[k])
     ]
@@ -161,10 +161,9 @@ def _inside(optimum: Optimum) -> FloatArray:
     return np.append(inside, optimum.values[pilot.size :])
 
 
-def _ends(optimum: Optimum, starts: FloatArray, space: Bounds) -> FloatArray:
-    return minimise(
-        optimum.search_problem.gram, starts, space, tolerance=1e-5, iterations=20
-    ).values
+def _ends(optimum: Optimum, starts: FloatArray, space: Bounds, tolerance: float = 1e-5) -> Minima:
+    gram = optimum.search_problem.gram
+    return minimise(gram, starts, space, tolerance=tolerance, iterations=20)
 
 
 def deviances(optimum: Optimum) -> FloatArray:
@@ -212,9 +211,7 @@ def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
             # The sum of all delays, which is known best, stays.
             points[:, list(model.delays)] += 2.0 * (start[d] / start[f] - damping / frequency)
             fixed = Box.holding(Box.holding(joint, f, frequency), d, damping)
-            end = minimise(
-                optimum.search_problem.gram, points, fixed, tolerance=1e-3, iterations=20
-            )
+            end = _ends(optimum, points, fixed, 1e-3)
             if end.cost[0] < limit:
                 ends.append(end)
         if ends:

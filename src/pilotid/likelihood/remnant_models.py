@@ -330,11 +330,6 @@ class Guess(NamedTuple):
         return np.asarray(self.model.filters(self.values[None], band)[0])
 
 
-def guess_parameters(model: NoiseModel, residual: FloatArray, band: Band) -> FloatArray:
-    """The parameters of a noise model that a residual (runs, samples) suggests."""
-    return model.guess(lagged_products(residual), band)[0]
-
-
 def best_noise_model(residual: FloatArray, band: Band) -> Guess:
     """The noise model that suits a residual (runs, samples) best."""
     every = guesses(lagged_products(residual), residual.size, band)

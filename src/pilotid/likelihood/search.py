@@ -47,7 +47,6 @@ from pilotid.likelihood.remnant_models import (
     Guess,
     NoiseModel,
     Whitener,
-    guess_parameters,
     guesses,
     lagged_products,
     neighbours,
@@ -274,8 +273,8 @@ def with_remnants(
     joint: Likelihood, pilots: FloatArray, *, tolerance: float = 3e-3, iterations: int = 12
 ) -> Minima:
     """Each pilot with the remnant that it leaves, estimated together on binned spectra."""
-    residuals = [joint.prediction.errors(pilot) for pilot in pilots]
-    guesses = [guess_parameters(joint.noise, residual, joint.band) for residual in residuals]
+    residuals = map(joint.prediction.errors, pilots)
+    guesses = [joint.noise.guess(lagged_products(left), joint.band)[0] for left in residuals]
     starts = np.hstack([pilots, guesses])
     return minimise(joint.coarse.gram, starts, joint, tolerance=tolerance, iterations=iterations)
 

@@ -25,7 +25,7 @@ from pilotid.estimate.warnings import lines_objection, motionless_input
 from pilotid.likelihood.estimates import make_estimate, starts_of, within_bounds
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction
-from pilotid.likelihood.remnant_models import Autoregressive, Whitener, guess_parameters
+from pilotid.likelihood.remnant_models import Autoregressive, Whitener, lagged_products
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.intervals import errors_from, profile_intervals, with_information
@@ -213,7 +213,8 @@ def moved(values: FloatArray, prediction: Prediction, rng: np.random.Generator) 
     model = prediction.model
     for _ in range(2):
         residual = prediction.errors(values)
-        taps = np.append(1.0, guess_parameters(Autoregressive(8), residual, prediction.window.band))
+        guess, _ = Autoregressive(8).guess(lagged_products(residual), prediction.window.band)
+        taps = np.append(1.0, guess)
         prediction = prediction.with_noticeable_terms(values, taps)
         errors = Likelihood(prediction, Whitener(taps))
         values = minimise(errors.gram, values[None], model, tolerance=1e-5, iterations=20).values[0]
