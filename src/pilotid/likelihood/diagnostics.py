@@ -108,26 +108,22 @@ class Moments(Problem):
         self._prediction = replace(whole, nuisance_poles=poles, weighting=weighting)
         self._whitened = Likelihood(replace(self._prediction, nuisance_poles=()), whitener)
         alike = Likelihood(replace(self._prediction, spectra=other.spectra), whitener)
-        self._instruments = self._weighed(alike.rows(optimum.pilot[None]))[0, :-1]
+        self._instruments = self._prediction.weighted_rows(alike.rows(optimum.pilot[None])[0, :-1])
         self.weigh_at(values)
 
     def weigh_at(self, values: FloatArray) -> None:
         """Standardise the moments by the power that the prediction errors of these values have."""
         errors = self._prediction.errors(values, self._taps)
-        parts = self._weighed(errors[None, None]).reshape(-1, 2)
+        parts = self._prediction.weighted_rows(errors).reshape(-1, 2)
         power = np.pad(np.mean(parts**2, axis=1), SMOOTHED // 2, mode="reflect")
         smooth = np.convolve(power, np.ones(SMOOTHED) / SMOOTHED, "valid")
         scatter = (self._instruments * np.repeat(smooth, 2)) @ self._instruments.T
         self._standard = np.linalg.inv(np.linalg.cholesky(scatter))
 
-    def _weighed(self, rows: FloatArray) -> FloatArray:
-        """Rows (sets, n, runs, samples) as numbers whose products are weighted, (sets, n, m)."""
-        return self._prediction.weighted_rows(rows).reshape(*rows.shape[:2], -1)
-
     def rows(self, values: FloatArray) -> FloatArray:
         """Jacobian and below it the moments, shape (sets, parameters + 1, parameters)."""
-        products = self._weighed(self._whitened.rows(values)) @ self._instruments.T
-        return np.asarray(products @ self._standard.T)
+        rows = self._prediction.weighted_rows(self._whitened.rows(values))
+        return np.asarray(rows @ self._instruments.T @ self._standard.T)
 
 
 def specification_by_instruments(

@@ -103,9 +103,7 @@ class Likelihood(Problem):
         grams = (self.coarse if self.adjoint else self).squares(values)
         if self.adjoint:
             lasts = np.array([self.last(each) for each in values])
-            if self.band_terms is not None:
-                lasts += self.outside(values)[:, -1]
-            grams[:, -1] = grams[:, :, -1] = lasts
+            grams[:, -1] = grams[:, :, -1] = lasts + self.outside(values)[:, -1]
         if self.band_terms is not None:
             grams = self._with_log_determinant(grams, values)
         if self.invertible:
@@ -115,23 +113,20 @@ class Likelihood(Problem):
     def squares(self, values: FloatArray) -> FloatArray:
         """Inner products of `rows`, in a band weighted and with those outside, of its squares."""
         rows = self.prediction.weighted_rows(self.rows(values))
-        flat = rows.reshape(*rows.shape[:2], -1)
-        grams = np.asarray(flat @ flat.transpose(0, 2, 1))
-        return grams if self.band_terms is None else grams + self.outside(values)
+        return np.asarray(rows @ rows.transpose(0, 2, 1)) + self.outside(values)
 
     def outside(self, values: FloatArray) -> FloatArray:
         """What bins that do not count add to the Gram matrix, with a small weight.
 
         The shape is (sets, parameters + 1, parameters + 1), as that of `products`.
         """
-        assert self.band_terms is not None
-        taps, slopes = self.taps(values)
-        rows = np.concatenate([-slopes, taps[:, None]], axis=1)
-        count = rows.shape[-1]
-        grams = np.zeros((len(values), values.shape[1] + 1, values.shape[1] + 1))
-        grams[:, self.pilot_count :, self.pilot_count :] = (
-            rows @ self.band_terms.outside[:count, :count] @ rows.transpose(0, 2, 1)
-        )
+        size = values.shape[1] + 1
+        grams = np.zeros((len(values), size, size))
+        if self.band_terms is not None:
+            taps, slopes = self.taps(values)
+            rows = np.concatenate([-slopes, taps[:, None]], axis=1)
+            outside = self.band_terms.outside[: rows.shape[-1], : rows.shape[-1]]
+            grams[:, -rows.shape[1] :, -rows.shape[1] :] = rows @ outside @ rows.transpose(0, 2, 1)
         return grams
 
     def _determined(self, values: FloatArray) -> tuple[ComplexArray, FloatArray, FloatArray]:

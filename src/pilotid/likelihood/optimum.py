@@ -343,10 +343,9 @@ class Optimum:
         """The same to the tolerance of what is reported, see `descend`."""
         if self.is_refined:
             return self
-        joint, start = self.joint, self.end.only([0])
-        if joint.adjoint:
-            joint = Likelihood(joint.prediction, joint.noise)
-        end = descend(joint, start.values if joint is not self.joint else start)
+        adjoint, start = self.joint.adjoint, self.end.only([0])
+        joint = Likelihood(self.joint.prediction, self.joint.noise) if adjoint else self.joint
+        end = descend(joint, start.values if adjoint else start)
         iterations = self.iterations + end.iterations
         return replace(self, joint=joint, end=end, iterations=iterations, is_refined=True)
 

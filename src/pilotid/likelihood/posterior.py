@@ -268,7 +268,7 @@ class Posterior:
         prediction = self._prediction
         pilots = values[:, : self.joint.pilot_count]
         errors = prediction.errors(pilots, taps if taps.shape[1] > 1 else None)
-        errors = prediction.weighted_rows(errors).reshape(len(errors), -1)
+        errors = prediction.weighted_rows(errors)
         sums = np.asarray(np.vecdot(errors, errors))
         if self._terms is not None:
             count = taps.shape[1]

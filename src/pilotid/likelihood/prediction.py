@@ -381,9 +381,10 @@ class Prediction:
         return [response * spectrum for response, spectrum in zip(fixed, self.spectra, strict=True)]
 
     def weighted_rows(self, rows: FloatArray) -> FloatArray:
-        """Rows of samples as real numbers whose products are those of the likelihood."""
-        terms = self.band_terms
-        return rows if terms is None or self.weights is not None else terms.weighted(rows)
+        """Rows (..., runs, scored) as numbers whose products are the likelihood's, (..., m)."""
+        if self.band_terms is not None and self.weights is None:
+            rows = self.band_terms.weighted(rows)
+        return rows.reshape(*rows.shape[:-2], -1)
 
     def of_runs(self, runs: list[int]) -> Prediction:
         """The prediction of some runs alone."""
