@@ -103,10 +103,11 @@ class PilotCheck:
         pilots = sets[:, : len(model.parameters)]
         stable = weighting is None or are_stable(model, pilots, weighting.element)
         inside = ~is_at_bound(model, pilots).any(axis=1)
+        explained = {each: self.explained(pilots, in_loop=each) for each in {self._hidden, True}}
 
         def passed(ratio: float, *, in_loop: bool) -> BoolArray:
-            explained = self.explained(pilots, in_loop=in_loop)
-            reached = (explained > 0.0) & (explained >= ratio * self._shares[in_loop])
+            share = explained[in_loop]
+            reached = (share > 0.0) & (share >= ratio * self._shares[in_loop])
             return np.asarray(reached & stable & (inside | (not in_loop)))
 
         usual = passed(USUAL_VAF_RATIO, in_loop=self._hidden)
