@@ -103,16 +103,14 @@ class PilotCheck:
         pilots = sets[:, : len(model.parameters)]
         stable = weighting is None or are_stable(model, pilots, weighting.element)
         inside = ~is_at_bound(model, pilots).any(axis=1)
-        explained = {each: self.explained(pilots, in_loop=each) for each in {self._hidden, True}}
 
-        def passed(ratio: float, *, in_loop: bool) -> BoolArray:
-            share = explained[in_loop]
-            reached = (share > 0.0) & (share >= ratio * self._shares[in_loop])
-            return np.asarray(reached & stable & (inside | (not in_loop)))
+        def passed(*ratios: float, in_loop: bool) -> BoolArray:
+            share = self.explained(pilots, in_loop=in_loop)
+            reached = [(share > 0.0) & (share >= ratio * self._shares[in_loop]) for ratio in ratios]
+            return np.asarray(reached) & stable & (inside | (not in_loop))
 
-        usual = passed(USUAL_VAF_RATIO, in_loop=self._hidden)
-        pilot = passed(MIN_VAF_RATIO, in_loop=self._hidden)
-        credible = pilot | passed(MIN_VAF_RATIO, in_loop=True)
+        usual, pilot = passed(USUAL_VAF_RATIO, MIN_VAF_RATIO, in_loop=self._hidden)
+        credible = pilot if pilot.all() else pilot | passed(MIN_VAF_RATIO, in_loop=True)[0]
         return np.asarray(np.sum([usual, pilot, credible], axis=0))
 
     def which(self, ends: Minima) -> IntArray:

@@ -16,7 +16,7 @@ from functools import cached_property, reduce
 import numpy as np
 
 from pilotid.likelihood.band_likelihood import BandTerms, Weighting, group_begins
-from pilotid.likelihood.prepare import FAR, Window, window_of
+from pilotid.likelihood.prepare import FAR, REACH, Window, window_of
 from pilotid.model.channel import Changing, Channel
 from pilotid.model.factors import Evaluated, Response
 from pilotid.model.model import PilotModel
@@ -477,15 +477,22 @@ class Prediction:
         """Response of moving-average filters at the bins, shape (..., bins)."""
         count = taps.shape[-1]
         # Taps are real: so are the products, of real and imaginary parts side by side.
-        flat = taps.reshape(-1, count) @ self.shifts[:count].view(float)
+        flat = taps.reshape(-1, count) @ self.shifts(count).view(float)
         return np.asarray(flat.view(complex).reshape(*taps.shape[:-1], self.s.size))
 
+    def shifts(self, count: int) -> ComplexArray:
+        """Responses of delays by 0 to `count` - 1 samples at the bins, shape (count, bins)."""
+        reach = REACH if count <= REACH + 1 else FAR  # all take memory
+        if reach not in self._shifts:
+            powers = np.ones((reach + 1, self.s.size), dtype=complex)
+            powers[1:] = np.exp(-self.s * self.dt)
+            self._shifts[reach] = np.asarray(np.cumprod(powers, axis=0), dtype=complex)
+        return self._shifts[reach][:count]
+
     @cached_property
-    def shifts(self) -> ComplexArray:
-        """Responses of delays by 0 to `FAR` samples at the bins, shape (FAR + 1, bins)."""
-        powers = np.ones((FAR + 1, self.s.size), dtype=complex)
-        powers[1:] = np.exp(-self.s * self.dt)
-        return np.asarray(np.cumprod(powers, axis=0), dtype=complex)
+    def _shifts(self) -> dict[int, ComplexArray]:
+        """Responses that are known, by the longest delay in samples."""
+        return {}
 
     @property
     def nuisance_terms(self) -> FloatArray:
