@@ -115,6 +115,8 @@ def test_a_control_in_bursts_loses_no_samples_of_its_integral() -> None:
     spiked = FAULTS["3 spikes of .2 on x"](sound, seeded(1))
     said = ["lost-samples" in [f.code for f in findings(r)] for r in (sound, spiked)]
     assert said == [False, True]
+    alone = FAULTS["3 spikes of 5 on u"](sound, seeded(1))
+    assert ["lost-samples" in codes_of(remarks(r)) for r in (sound, alone)] == [False, True]
 
 
 def test_a_shift_explains_that_the_error_is_not_target_less_output() -> None:

@@ -98,17 +98,23 @@ def _usual(recording: Recording, name: str) -> float:
 
 @check("lost-samples", SIGNAL.spike)
 def _spikes(recording: Recording) -> Found:
-    """A sample far beyond all others is a code for a missing value, or a fault."""
+    """A sample far beyond all others is a code for a missing value, or a fault.
+
+    One alone is so sooner: no hand is back within two samples of .025 s.
+    """
     for name in ("e", "u", "x", *recording.extra):
         window = recording.window(recording.input(name))
         usual = _usual(recording, name)
         run, sample = divmod(int(np.argmax(np.abs(window))), window.shape[1])
         value = float(window[run, sample])
+        beside = np.abs(window[run, [max(sample - 1, 0), min(sample + 1, window.shape[1] - 1)]])
+        alone = recording.dt <= 0.025 and beside.max() < 0.2 * abs(value)
         if usual > 0.0:
+            size = abs(value) / usual
             yield (
-                abs(value) / usual,
+                size * (SIGNAL.spike / SIGNAL.alone if alone else 1.0),
                 f"{name} is {value:.6g} at t = {sample * recording.dt:.4g} s "
-                f"of run {run + 1}, {abs(value) / usual:.2g} times its usual size: a code for a "
+                f"of run {run + 1}, {size:.2g} times its usual size: a code for a "
                 "missing value or a fault; repair it or leave that part out",
             )
 

@@ -56,6 +56,7 @@ class SignalLimits(NamedTuple):
     hold_x: float = 8.0
     hold_u: float = 10.0  # (6.5, on a breakout)
     spike: float = 100.0  # times the usual size (8; a control after steps 27)
+    alone: float = 3.0  # the same of a sample that is alone (.9)
     at_extreme: float = 0.06  # share of the samples at the largest or smallest value (.044)
     drift: float = 2.0  # of u over a run of 82 s, in standard deviations of what is left
     own_trend: float = 0.1  # share of a trend that the signals of the loop must leave to be told
