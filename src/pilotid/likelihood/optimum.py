@@ -21,7 +21,7 @@ from pilotid.solve.intervals import apart, score_dispersion, with_information
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import CHI_SQUARED_95, chi_squared_limit, covariance_of
-from pilotid.support.types import BoolArray, FloatArray, IntArray
+from pilotid.support.types import FloatArray, IntArray
 
 #: Tuned: VAF of the simulated control over that of the lines' pilot.  In populations right optima
 #: have .90 or more; of people in stable loops some that are usable have little more than half
@@ -54,24 +54,16 @@ class PilotCheck:
     lines
         The pilot fitted to the forcing functions' lines, shape (1, parameters); (0, parameters)
         where there are none.
-    candidates
-        Pilots that a search came upon, shape (candidates, parameters).
     """
 
-    def __init__(self, coarse: Prediction, lines: FloatArray, candidates: FloatArray) -> None:
+    def __init__(self, coarse: Prediction, lines: FloatArray) -> None:
         self._coarse = coarse
         self._total = float(np.sum(coarse.samples_of(coarse.control_spectrum) ** 2))
         #: What the lines' pilot explains as it is simulated, and in its loop; 0 without one.
-        self._shares = simulated, in_loop = [
+        self._shares = [
             float(self.explained(lines, in_loop=each)[0]) if len(lines) else 0.0
             for each in (False, True)
         ]
-        #: Whether a slow remnant hides what the lines' pilot explains as it is simulated.
-        self._hidden = simulated <= 0.0 < in_loop
-        if self._hidden:  # but not where that pilot is none, or another is seen and explains more
-            better = self.explained(candidates) > 0.0
-            better &= self.explained(candidates, in_loop=True) >= in_loop
-            self._hidden = not (better.any() or is_at_bound(coarse.model, lines).any())
 
     def explained(self, sets: FloatArray, *, in_loop: bool = False) -> FloatArray:
         """Share of the control that parameters explain, shape (sets,).
@@ -93,29 +85,30 @@ class PilotCheck:
         return np.asarray(1.0 - np.sum(left**2, axis=(1, 2)) / self._total)
 
     def ranks(self, sets: FloatArray) -> IntArray:
-        """3 for what explains as much as is usual, 2 for a pilot, 1 for one in its loop, else 0.
+        """2 for what explains as much as is usual, 1 for a pilot, else 0.
 
         Of sets of parameters, the pilot's first, shape (sets,).  The share as in `explained` must
-        reach a ratio of that of the lines' pilot.  In the loop none at a bound passes: subject gy
-        has such ones with `pursuit`.
+        reach a ratio of that of the lines' pilot, as it is simulated or, where a slow remnant hides
+        it, in the loop.  There none at a bound passes: subject gy has such ones with `pursuit`.
         """
         model, weighting = self._coarse.model, self._coarse.weighting
         pilots = sets[:, : len(model.parameters)]
         stable = weighting is None or are_stable(model, pilots, weighting.element)
         inside = ~is_at_bound(model, pilots).any(axis=1)
-
-        def passed(*ratios: float, in_loop: bool) -> BoolArray:
+        ranks = np.zeros(len(sets), dtype=int)
+        for in_loop, lines in zip((False, True), self._shares, strict=True):
             share = self.explained(pilots, in_loop=in_loop)
-            reached = [(share > 0.0) & (share >= ratio * self._shares[in_loop]) for ratio in ratios]
-            return np.asarray(reached) & stable & (inside | (not in_loop))
-
-        usual, pilot = passed(USUAL_VAF_RATIO, MIN_VAF_RATIO, in_loop=self._hidden)
-        credible = pilot if pilot.all() else pilot | passed(MIN_VAF_RATIO, in_loop=True)[0]
-        return np.asarray(np.sum([usual, pilot, credible], axis=0))
+            able = stable & (share > 0.0) & (inside | (not in_loop))
+            usual = able & (share >= USUAL_VAF_RATIO * lines) & (lines > 0.0 or not in_loop)
+            pilot = able & (share >= MIN_VAF_RATIO * lines)
+            ranks = np.maximum(ranks, np.where(usual, 2, pilot))
+            if (ranks == 2).all():
+                break
+        return ranks
 
     def which(self, ends: Minima) -> IntArray:
         """Indices of the ends that explain as much as is usual, or else are pilots, or else all."""
-        ranks = np.maximum(self.ranks(ends.values), 1)
+        ranks = self.ranks(ends.values)
         return np.flatnonzero(ranks == ranks.max())
 
 
@@ -218,8 +211,8 @@ class Optimum:
 
     @cached_property
     def rank(self) -> int:
-        """See `PilotCheck.ranks`; 3 where that was not asked."""
-        return 3 if self.check is None else int(self.check.ranks(self.pilot[None])[0])
+        """See `PilotCheck.ranks`; 2 where that was not asked."""
+        return 2 if self.check is None else int(self.check.ranks(self.pilot[None])[0])
 
     @property
     def is_slow(self) -> bool:

@@ -349,7 +349,7 @@ def sweep(
     on = rough.values[[group[0] for group in met]]
     ends = minimise(whitened.gram, on, model, tolerance=1e-3, iterations=16, sort=False)
     sizes = np.array([len(group) for group in met])
-    check = PilotCheck(coarse, lines, ends.values)
+    check = PilotCheck(coarse, lines)
     kept = check.which(ends)
     passed = ends.only(np.repeat(kept, sizes[kept])).best_first()
     # The whitening of the sweep favours the pilot that it is from.
