@@ -86,12 +86,9 @@ def test_a_model_whose_signals_are_not_recorded_is_refused_with_their_names(
 # ------------------------------------------------------------------------------------- list
 
 
-def test_version_is_that_of_what_is_installed(run: Run) -> None:
+def test_the_installed_command_runs(run: Run) -> None:
     assert run("--version").out == f"pilotid {version('pilotid')}\n"
     assert pilotid.__version__ == version("pilotid")
-
-
-def test_the_installed_command_runs() -> None:
     command = Path(sys.executable).with_name("pilotid")
     done = subprocess.run([command, "list"], capture_output=True, text=True, check=True, timeout=60)
     named = re.findall(r"(?m)^  (\S+) ", done.stdout)

@@ -54,8 +54,11 @@ def test_signals_are_read_only(name: str) -> None:
         getattr(recording, name)[0, 0] = 1.0
 
 
-def test_integers_and_single_precision_become_doubles() -> None:
+def test_integers_and_single_precision_become_doubles_and_a_row_is_one_run() -> None:
     content = signals()
+    row = Recording(dt=DT, **{name: signal[0] for name, signal in content.items()})
+    assert (row.runs, row.samples) == (1, SAMPLES)
+    assert np.array_equal(row.u[0], content["u"][0])
     recording = make(e=(100.0 * content["e"]).astype(np.int16), x=content["x"].astype(np.float32))
     assert {getattr(recording, name).dtype for name in ("e", "u", "x")} == {np.dtype(np.float64)}
     np.testing.assert_array_equal(recording.e, np.trunc(100.0 * content["e"]))
@@ -183,14 +186,6 @@ def test_a_recording_can_be_pickled_and_copied() -> None:
         assert other.to_dict() == recording.to_dict()
         np.testing.assert_array_equal(other.u, recording.u)
         assert not other.u.flags.writeable
-
-
-def test_a_row_is_one_run() -> None:
-    rows = np.random.default_rng(1).standard_normal((3, 2000))
-    e, u, x = rows
-    recording = Recording(dt=0.01, e=e, u=u, x=x)
-    assert (recording.runs, recording.samples) == (1, 2000)
-    assert np.array_equal(recording.u[0], u)
 
 
 def test_run_ins_of_recordings_that_are_joined_have_the_length_that_all_have() -> None:
