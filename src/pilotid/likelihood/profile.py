@@ -33,6 +33,8 @@ USUAL_SYSTEM_DEVIANCE = 15.0
 FREQUENCIES, DAMPINGS = (8.0, 11.0, 15.0), (0.2, 0.3, 0.6)
 #: Standard errors of a damping ratio beyond which it is surely another one.
 SURE = 10.0
+#: Damping ratio of no person: a resonance so narrow may be that of a few frequencies.
+SLIGHT = 0.03
 
 
 def profile_likelihood(optimum: Optimum) -> tuple[Optimum, Profile | None]:
@@ -200,7 +202,8 @@ def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
             FREQUENCIES[0] < start[f] < FREQUENCIES[-1] and DAMPINGS[0] < start[d] < DAMPINGS[-1]
         )
         error = math.log(intervals[d, 1] / intervals[d, 0]) / (2.0 * Z95)
-        if usual or abs(math.log(start[d] / DAMPINGS[1])) > SURE * error:
+        sure = abs(math.log(start[d] / DAMPINGS[1])) > SURE * error and start[d] > SLIGHT
+        if usual or sure:
             continue
         limit = float(optimum.end.cost[0]) * math.exp(
             optimum.variance_factor * USUAL_SYSTEM_DEVIANCE / optimum.freedom

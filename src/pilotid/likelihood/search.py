@@ -180,7 +180,7 @@ def _with_jumps_at_samples(best: Optimum, recording: Recording) -> list[Optimum]
     target = None if recording.ft is None else recording.ft - half
     later = replace(recording, e=recording.e - half, ft=target)
     prediction, model = best.joint.prediction, best.joint.prediction.model
-    inputs = predict(later, model, prediction.band.limit, fast=True)
+    inputs = predict(later, model, prediction.window.band.limit, fast=True)
     prediction = replace(prediction, spectra=inputs.spectra, fine=inputs.fine)
     joint = Likelihood(prediction, best.joint.noise)
     end = with_information(descend(joint, best.values[None], COMPARED_TOLERANCE), joint.gram)

@@ -20,8 +20,7 @@ class RecorderLimits(NamedTuple):
     lines: tuple[float, float] = (80.0, 60.0)  # dB, of a line over its surroundings (78, 69)
     goes_on: float = -15.0  # dB in half an octave: a fall begins where it gets as steep
     grid: float = 8.0  # mean difference over that of the smallest phase (5.6)
-    slowest_zero: float = 0.5  # rad/s, of the right half-plane beside which people cross over
-    slowest_pole: float = 0.6  # rad/s, of the right half-plane that is no drift of x
+    slowest: float = 4.0  # Hz, of a recorder
     coarse: float = 0.2  # step over rms from which rounding hides movements
     again: float = 1e-3  # of its rms, by which a forcing function differs when it begins again
     own: float = 3e-5  # rms of e - (ft - x) over that of e (1e-15); files of 5 decimals reach it
@@ -56,7 +55,7 @@ class SignalLimits(NamedTuple):
     hold_x: float = 8.0
     hold_u: float = 10.0  # (6.5, on a breakout)
     spike: float = 100.0  # times the usual size (8; a control after steps 27)
-    alone: float = 3.0  # the same of a sample that is alone (.9)
+    alone: float = 6.0  # the same of a sample that is alone (.9; of white noise 4)
     at_extreme: float = 0.06  # share of the samples at the largest or smallest value (.044)
     drift: float = 2.0  # of u over a run of 82 s, in standard deviations of what is left
     own_trend: float = 0.1  # share of a trend that the signals of the loop must leave to be told
