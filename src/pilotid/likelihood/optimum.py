@@ -30,6 +30,9 @@ MIN_VAF_RATIO = 0.5
 #: The same from which an optimum is preferred to all below: where a model is wrong, of people say,
 #: what explains two thirds may be likelier by 100 (yaw, subject 6: a motion delay of .10 or .37 s).
 USUAL_VAF_RATIO = 0.7
+#: Share of the control that the lines' pilot explains simulated, over that in its loop, below which
+#: a slow remnant hides right pilots (hidden: .22 and less; people who see the target ahead: .72).
+HIDDEN = 0.5
 #: Statistics: squared distance of ends in standard errors below which they are one.
 SAME_OPTIMUM_DISTANCE = 4.0
 #: Numerics: relative decrease that ends fits that are compared, and searches that creep along a
@@ -96,10 +99,11 @@ class PilotCheck:
         stable = weighting is None or are_stable(model, pilots, weighting.element)
         inside = ~is_at_bound(model, pilots).any(axis=1)
         ranks = np.zeros(len(sets), dtype=int)
+        hidden = self._shares[0] < HIDDEN * self._shares[1]
         for in_loop, lines in zip((False, True), self._shares, strict=True):
             share = self.explained(pilots, in_loop=in_loop)
             able = stable & (share > 0.0) & (inside | (not in_loop))
-            usual = able & (share >= USUAL_VAF_RATIO * lines) & (lines > 0.0 or not in_loop)
+            usual = able & (share >= USUAL_VAF_RATIO * lines) & (hidden or not in_loop)
             pilot = able & (share >= MIN_VAF_RATIO * lines)
             ranks = np.maximum(ranks, np.where(usual, 2, pilot))
             if (ranks == 2).all():
