@@ -248,7 +248,7 @@ class Gain(Factor):
     key: str
     start: float = 1.0
     unit: str = ""
-    bounds: tuple[float, float] = (1e-6, 1e6)
+    bounds: tuple[float, float] = (1e-9, 1e9)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
