@@ -233,6 +233,13 @@ def test_aliases_of_a_fast_remnant_make_no_control_early() -> None:
     assert "late-signal" not in codes_of(remarks(recording))
 
 
+def test_a_control_that_a_simulation_holds_for_a_sample_is_not_early() -> None:
+    recording = recording_of("nominal", 3)
+    for samples, told in ((0.5, False), (1.5, True)):
+        early = replace(recording, u=shifted(recording.u, recording.dt, samples * recording.dt))
+        assert ("late-signal" in codes_of(remarks(early))) == told
+
+
 @pytest.mark.parametrize("number", range(1000, 1004))
 def test_of_a_late_disturbance_the_control_is_not_blamed(number: int) -> None:
     late = FAULTS["fd late a sample"](of_zero(number), seeded(0))

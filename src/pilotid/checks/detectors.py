@@ -276,8 +276,11 @@ class _Look:
             return
         # Noise on x, which stands on the right-hand side, moves times and shares.
         biased = RECORDER.biased * best.left
-        least = max(RECORDER.errors * best.error, RECORDER.apart[0] * self.dt, RECORDER.apart[1])
-        if best.error < RECORDER.told and abs(best.late) > least + biased:
+        surely = RECORDER.errors * best.error
+        least = max(surely, RECORDER.apart[0] * self.dt, RECORDER.apart[1])
+        # A simulation that holds u for a sample answers to it half a sample later.
+        held = abs(best.late / self.dt + 0.5) <= max(0.1, min(surely / self.dt, 0.5))
+        if best.error < RECORDER.told and not held and abs(best.late) > least + biased:
             # Where x answers to the two before fd moves, fd is late and u is not.
             moved = shifted(self.recording.u, self.dt, best.late)
             answer = _answer(replace(self.recording, u=moved)) if best.late < 0.0 else None
