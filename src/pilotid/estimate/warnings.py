@@ -316,8 +316,8 @@ def explained_of_forced(recording: Recording, estimate: Estimate) -> float | Non
     if not lines and (element is None or not is_stable(model, estimate.values, element)):
         return None
     used = np.unique(np.concatenate(lines)) if lines else np.arange(2, recording.samples // 2)
-    # A window of no whole periods has ends that leak, unless it is tapered.
-    taper = np.ones(recording.samples) if lines else np.hanning(recording.samples)
+    # What the ends of a window leak, of a slow remnant as well, hides what the model explains.
+    taper = np.hanning(recording.samples)
 
     def transformed(name: str) -> ComplexArray:
         signal = recording.window(recording.input(name))
