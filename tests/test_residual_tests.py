@@ -16,7 +16,7 @@ from pilotid.estimate.method import identify
 from pilotid.likelihood.diagnostics import drift_left, portmanteau
 from pilotid.likelihood.estimates import correlations, inputs_of, prediction_errors
 from pilotid.likelihood.optimum import Optimum
-from pilotid.likelihood.remnant_models import LowPass
+from pilotid.likelihood.remnant_models import Autoregressive, LowPass
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods.mle import MLE
 from pilotid.model.catalogue import MODELS, MULTI
@@ -105,8 +105,9 @@ def test_position_control_is_remarked_on() -> None:
     pilots = POPULATIONS["population-usual"]
     draws = (pilots.drawn(np.random.default_rng(seed)) for seed in range(60))
     scenario = next(s for s in draws if len(s.element.denominator) == 1)
-    estimate = fit_of(MLE(), scenario)
-    assert "the controlled element is a gain" in " ".join(estimate.remarks)
+    for noise, grade in ((LowPass(2), "note"), (Autoregressive(20), "doubt")):  # which none suits
+        said = fit_of(MLE(noise=noise), scenario).remarks
+        assert [r.grade for r in said if codes_of([r]) == ["gain-element"]] == [grade]
 
 
 def test_a_gain_element_matters_in_a_loop_alone() -> None:
