@@ -67,6 +67,9 @@ class PilotCheck:
             float(self.explained(lines, in_loop=each)[0]) if len(lines) else 0.0
             for each in (False, True)
         ]
+        #: Whether a slow remnant hides what it explains as it is simulated.
+        self._hidden = self._shares[0] < HIDDEN * self._shares[1]
+        self._hidden &= not is_at_bound(coarse.model, lines).any()  # such a pilot may be none
 
     def explained(self, sets: FloatArray, *, in_loop: bool = False) -> FloatArray:
         """Share of the control that parameters explain, shape (sets,).
@@ -99,11 +102,10 @@ class PilotCheck:
         stable = weighting is None or are_stable(model, pilots, weighting.element)
         inside = ~is_at_bound(model, pilots).any(axis=1)
         ranks = np.zeros(len(sets), dtype=int)
-        hidden = self._shares[0] < HIDDEN * self._shares[1]
         for in_loop, lines in zip((False, True), self._shares, strict=True):
             share = self.explained(pilots, in_loop=in_loop)
             able = stable & (share > 0.0) & (inside | (not in_loop))
-            usual = able & (share >= USUAL_VAF_RATIO * lines) & (hidden or not in_loop)
+            usual = able & (share >= USUAL_VAF_RATIO * lines) & (self._hidden or not in_loop)
             pilot = able & (share >= MIN_VAF_RATIO * lines)
             ranks = np.maximum(ranks, np.where(usual, 2, pilot))
             if (ranks == 2).all():
