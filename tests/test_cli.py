@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import Answer, Run, leading_recording, strict
+from scipy.io import savemat
 
 import pilotid
 from pilotid.cli.main import main
@@ -354,12 +355,12 @@ def test_fit_and_simulate_take_code_and_settings_too(run: Run, own: Path, tmp_pa
 def test_a_bad_file_does_not_cost_the_others(run: Run, simulated: Path, tmp_path: Path) -> None:
     missing, out = tmp_path / "missing.csv", tmp_path / "f.json"
     options = ("--method", "mle-white", "--json", out)
-    answer = run("fit", missing, simulated, *options)
+    damaged = tmp_path / "damaged.mat"
+    savemat(damaged, {name: np.arange(300.0)[:, None] for name in "teux"})
+    damaged.write_bytes(damaged.read_bytes()[:176] + b"\0" + damaged.read_bytes()[177:])
+    answer = run("fit", missing, damaged, simulated, *options)
     assert answer.status == 2
-    assert answer.err == (
-        f"pilotid: {missing}: cannot be read (No such file or directory); "
-        "check name, folder and rights\n"
-    )
+    assert [str(file) in answer.err for file in (missing, damaged)] == [True, True]
     assert strict(out.read_text())["recording"]["source"] == str(simulated)
     out.unlink()
     refused(run("fit", missing, simulated, "--joint", *options), "No such file")

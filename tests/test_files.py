@@ -14,7 +14,7 @@ import pytest
 from matlab_files import USERBLOCK, save_v73
 from scipy.io import savemat
 
-from pilotid.recording.files import Reading, load_recording, save_recording
+from pilotid.recording.files import load_recording, save_recording
 from pilotid.recording.recording import SIGNALS, Recording
 from pilotid.support.types import FloatArray, InputError
 
@@ -22,7 +22,7 @@ HEADER = "t,e,u,x"
 Writer = Callable[[Path], Path]
 DT, SAMPLES = 0.05, 240  # 12 s
 T = np.round(np.arange(SAMPLES) * DT, 2)
-FT, X, U, FD = np.round(np.random.default_rng(6).standard_normal((4, 2, SAMPLES)), 4)
+FT, X, U = np.round(np.random.default_rng(6).standard_normal((3, 2, SAMPLES)), 4)
 E = np.round(FT - X, 4)
 ONE = {"t": T, "e": E[0], "u": U[0], "x": X[0]}
 TWO: dict[str, Any] = {"t": T[:, None], "e": E.T, "u": U.T, "x": X.T}
@@ -498,23 +498,6 @@ def test_storage_and_notes_of_v73(tmp_path: Path) -> None:
         assert (loaded.runs, loaded.run_in) == (2, 20)
         assert loaded.units == {"u": "deg", "x": "°"}
         assert loaded.lines == {"ft": (3,)}
-
-
-# ------------------------------------------------------------------ the process that reads MATLAB
-
-
-def test_a_damaged_file_does_not_cost_the_others(tmp_path: Path) -> None:
-    files = []
-    for number in range(4):
-        (tmp_path / f"{number}").mkdir()
-        files.append(saved(run(number % 2))(tmp_path / f"{number}"))
-    content = bytearray(files[1].read_bytes())
-    content[176] = 0
-    files[1].write_bytes(content)
-    recordings, refused = Reading().all(files, joint=False)
-    assert [*recordings] == [files[i] for i in (0, 2, 3)]
-    assert len(refused) == 1
-    assert str(files[1]) in refused[0]
 
 
 # ------------------------------------------------------------------ what is written comes back

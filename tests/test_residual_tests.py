@@ -101,16 +101,13 @@ def test_a_remnant_that_is_not_as_the_method_was_told_is_remarked_on() -> None:
     assert "the prediction errors are not white" in words
 
 
-def test_position_control_is_remarked_on() -> None:
+def test_position_control_is_remarked_on_in_a_loop() -> None:
     pilots = POPULATIONS["population-usual"]
     draws = (pilots.drawn(np.random.default_rng(seed)) for seed in range(60))
     scenario = next(s for s in draws if len(s.element.denominator) == 1)
     for noise, grade in ((LowPass(2), "note"), (Autoregressive(20), "doubt")):  # which none suits
         said = fit_of(MLE(noise=noise), scenario).remarks
         assert [r.grade for r in said if codes_of([r]) == ["gain-element"]] == [grade]
-
-
-def test_a_gain_element_matters_in_a_loop_alone() -> None:
     assert "gain-element" not in codes_of(fit_of(MLE(), PILOTS["following"]).remarks)
 
 
