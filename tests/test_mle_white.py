@@ -188,7 +188,7 @@ def test_an_estimator_without_bounds_says_where_no_pilot_is() -> None:
 
 def test_intervals_end_at_the_bounds() -> None:
     recording, model = recording_of(NOMINAL), NOMINAL.model
-    wide = make_estimate("x", recording, model, NOMINAL.values, np.eye(7) * 1e12, converged=True)
+    wide = make_estimate("x", recording, model, NOMINAL.values, np.eye(7) * 1e20, converged=True)
     np.testing.assert_array_equal(wide.intervals, np.stack([model.lower, model.upper], axis=1))
     assert not wide.determined.any()
 
