@@ -26,7 +26,7 @@ STRATA = {
         *("pursuit", "look-ahead", "lead2-lag", "precision", "lead-lag-motion"),
         *("lead2-lag-motion", "following", "lead-lag-canals"),
     ),
-    **dict.fromkeys(("hard-remnants", "recorders", "late", "short", "odd-forcing"), USUAL),
+    **dict.fromkeys(("hard-remnants", "recorders", "late", "short", "odd-forcing", "steps"), USUAL),
 }
 REMNANTS = ("student", "bursts", "narrow", "pink", "two", "envelope")
 RECORDERS = ("rounded", "noise", "held", "no fd", "no ft", "neither", "offset", "decimals")
@@ -195,16 +195,17 @@ def of_stratum(stratum: str, number: int) -> tuple[Recording, PilotModel, Values
         "recorders": RECORDERS,
         "odd-forcing": FORCING,
         "late": "ux",
+        "steps": ("steps",),
     }
     kind = chosen[stratum][number % len(chosen[stratum])] if stratum in chosen else ""
-    dt, seconds = (
-        float(rng.choice([0.005, 0.01, 0.02, 0.04])),
-        float(rng.choice([60.0, 90.0, 120.0])),
-    )
+    dt = float(rng.choice([0.005, 0.01, 0.02, 0.04]))
+    seconds = float(rng.choice([60.0, 90.0, 120.0]))
     runs, run_in = int(rng.choice([1, 1, 2, 3, 5])), float(rng.choice([4.0, 6.0, 8.0, 10.0]))
     if stratum == "short":
         runs, run_in, seconds = 1, float(rng.choice([0.0, 3.0])), round(rng.uniform(22.0, 40.0))
-    before, lead, samples = (round(length / dt) for length in (BEFORE, run_in, seconds))
+    fine = 8 if stratum == "steps" else 1  # samples for one, as a target jumps at one
+    dt /= fine
+    before, lead, samples = (fine * round(t / dt / fine) for t in (BEFORE, run_in, seconds))
     count = 2 * ((before + lead + samples + round(BEHIND / dt)) // 2)
     time = (np.arange(count) - before - lead) * dt
     target, disturbance = forcing(kind, rng, time, seconds)
@@ -212,16 +213,15 @@ def of_stratum(stratum: str, number: int) -> tuple[Recording, PilotModel, Values
     s = 2j * np.pi * np.fft.rfftfreq(count, dt)
     s[0] = 1e-4 * s[1]  # an integrator has no response at rest
     plant = 0.0 * s if name == "following" else gain / (s if pole is None else s * (s + pole))
-    answers = channels(name, s, values)
-    on = {
-        key: sum((r for where, r in answers if where == key), 0.0 * s) for key in ("e", "x", "ft")
-    }
+    on = dict.fromkeys(("e", "x", "ft"), 0.0 * s)
+    for key, answer in channels(name, s, values):
+        on[key] = on[key] + answer
 
-    def closed(ft: Any, fd: Any, noise: Any) -> tuple[FloatArray, FloatArray]:
+    def closed(ft: Any, fd: Any, noise: Any) -> FloatArray:
         around = plant * (on["e"] - on["x"])
         control = ((on["e"] + on["ft"]) * ft - around * fd + noise) / (1.0 + around)
-        both = np.fft.irfft([control, plant * (control + fd)], count)
-        return both[0, before : before + lead + samples], both[1, before : before + lead + samples]
+        both = np.fft.irfft([control, plant * (control + fd)], count)[:, before:]
+        return np.asarray(both[:, : lead + samples])
 
     by_target = closed(np.fft.rfft(target), 0.0, 0.0)[0].std()
     by_disturbance = closed(0.0, np.fft.rfft(disturbance), 0.0)[0].std()
@@ -232,8 +232,8 @@ def of_stratum(stratum: str, number: int) -> tuple[Recording, PilotModel, Values
     share, forced = rng.uniform(0.08, 0.35), closed(*given, 0.0)[0].std()
     left = np.std([closed(0.0, 0.0, np.fft.rfft(noise))[0] for noise in noises])
     noises *= forced / left * np.sqrt(share / (1.0 - share))
-    both = np.array([closed(*given, np.fft.rfft(noise)) for noise in noises])
-    window = slice(before, before + lead + samples)
+    both = np.array([closed(*given, np.fft.rfft(noise)) for noise in noises])[..., ::fine]
+    window = slice(before, before + lead + samples, fine)
     signals = {
         name: np.tile(f[window], (runs, 1)) for name, f in (("ft", target), ("fd", disturbance))
     }
@@ -243,4 +243,4 @@ def of_stratum(stratum: str, number: int) -> tuple[Recording, PilotModel, Values
     if name != "following" and rng.random() < 0.3:
         more["controlled_element"] = f"{gain!r}/s" if pole is None else f"{gain!r}/(s*(s+{pole!r}))"
     kept = {key: v for key, v in signals.items() if key in ("e", "u", "x") or np.any(v)}
-    return Recording(dt=dt, run_in=lead, **kept, **more), MODELS[name], values
+    return Recording(dt=fine * dt, run_in=lead // fine, **kept, **more), MODELS[name], values
