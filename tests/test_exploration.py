@@ -210,8 +210,9 @@ def test_who_explains_far_less_than_the_lines_pilot_does_not_follow() -> None:
     np.testing.assert_array_equal(judged.which(none), [0, 1])
 
 
-def test_a_slow_remnant_that_hides_the_right_pilot_in_simulation_does_not_in_the_loop() -> None:
-    recording, model, truth = of_stratum("short", 1030048)
+@pytest.mark.parametrize("case", [("short", 1030048), ("odd-forcing", 1030112)])
+def test_hidden_and_exchanged_pilots_are_found(case: tuple[str, int]) -> None:
+    recording, model, truth = of_stratum(*case)
     estimate = MLE().fit(recording, model, np.random.default_rng(1))
     true = np.array([truth[key] for key in model.keys])
     assert (np.abs(estimate.values - true) < 2.0 * estimate.std_error).all()

@@ -57,8 +57,7 @@ def test_signals_are_read_only(name: str) -> None:
 def test_integers_and_single_precision_become_doubles_and_a_row_is_one_run() -> None:
     content = signals()
     row = Recording(dt=DT, **{name: signal[0] for name, signal in content.items()})
-    assert (row.runs, row.samples) == (1, SAMPLES)
-    assert np.array_equal(row.u[0], content["u"][0])
+    assert (row.runs, row.samples, *row.u[0]) == (1, SAMPLES, *content["u"][0])
     recording = make(e=(100.0 * content["e"]).astype(np.int16), x=content["x"].astype(np.float32))
     assert {getattr(recording, name).dtype for name in ("e", "u", "x")} == {np.dtype(np.float64)}
     np.testing.assert_array_equal(recording.e, np.trunc(100.0 * content["e"]))

@@ -25,7 +25,7 @@ import numpy as np
 
 from pilotid.estimate.estimate import Starts, is_at_bound
 from pilotid.estimate.loops import are_pilots
-from pilotid.estimate.warnings import lines_objection
+from pilotid.estimate.warnings import lines_objection, one_signal
 from pilotid.likelihood.band_likelihood import weighting_of
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import (
@@ -160,12 +160,29 @@ def maximise_likelihood(
         again, rivals = choices(pilots, best.joint.noise), best.rivals
         best, others = _best_and_others([choice.full_fit() for choice in again])
         best = replace(best, rivals=rivals)
+    if exchanged := _exchanged(best, recording):
+        best, others = _best_and_others([best, *others, *exchanged])
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
         best = best.restarted_at(np.concatenate([ordered, best.values[len(ordered) :]]))
     end = with_information(best.end, best.joint.gram)
     best = replace(best, end=end, starts=starts, lines_pilot=[*lines], others=others)
     return replace(best, rivals=[*best.rivals, *_with_jumps_at_samples(best, recording)])
+
+
+def _exchanged(best: Optimum, recording: Recording) -> list[Optimum]:
+    """Optima from delays of two channels exchanged; none where they act on signals of their own.
+
+    On one signal either channel may be the other.
+    """
+    model = best.joint.prediction.model
+    delays = list(model.delays)
+    if len(delays) != 2 or not one_signal(recording, model):
+        return []
+    starts = np.tile(best.values, (2, 1))
+    starts[:, delays] = starts[:, delays[::-1]]
+    starts[1, model.indices_of(Lead)] *= 2.0
+    return [best.restarted_at(start) for start in starts]
 
 
 def _with_jumps_at_samples(best: Optimum, recording: Recording) -> list[Optimum]:
