@@ -146,7 +146,7 @@ class Optimum:
     others
         Other optima that were about as likely.
     rivals
-        Fits near it with other models of the remnant that are about as likely.
+        Fits near it that are about as likely: other models of the remnant, jumps at samples.
     """
 
     joint: Likelihood
