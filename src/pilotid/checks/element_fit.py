@@ -88,11 +88,8 @@ def identified_element(recording: Recording) -> ElementChoice:
     if not _is_steerable(chosen, ELEMENT.slowest_pole):
         # Drift of x makes slow unstable poles, which explain no more where loops cross over.
         most = 1.5 * (100.0 - chosen.explained)
-        stable = [f for f in fits if _is_steerable(f, ELEMENT.slowest_pole)]
-        stable = [
-            f for f in stable if f.form.size <= chosen.form.size and 100.0 - f.explained <= most
-        ]
-        chosen = simplest(stable or [chosen])
+        near = [f for f in fits if f.form.size <= chosen.form.size and 100.0 - f.explained <= most]
+        chosen = simplest([f for f in near if _is_steerable(f, ELEMENT.slowest_pole)] or [chosen])
     element = element_named(chosen.form.name(rounded(chosen.values, chosen.covariance)))
     left = math.sqrt(1.0 - 0.01 * chosen.explained)
     why = _against(element, chosen, left, recording.fd is not None)

@@ -77,7 +77,7 @@ def with_profile(estimate: Estimate, optimum: Optimum, profile: Profile) -> Esti
     """
     sought, covariance = deviances(optimum), estimate.covariance
     intervals = over_systems(optimum, profile.intervals)
-    # With another model of the remnant, too, a pilot may be as likely.
+    # With another model of the remnant, or jumps at samples, a pilot may be as likely.
     ends = (end for rival in optimum.rivals for end in _ends_beside(rival, optimum, intervals))
     intervals = _holding(intervals, [*ends, *optimum.competing])
     # The length of an interval tells the scatter of skewed estimates; the likelihood's
