@@ -74,7 +74,7 @@ def banded(recording: Recording, scenario: Scenario, terms: tuple[float, ...]) -
 
 
 def near_truth(joint: Likelihood, scenario: Scenario) -> FloatArray:
-    residual = joint.prediction.residual(scenario.values)
+    residual = joint.prediction.errors(scenario.values)
     remnant = joint.noise.guess(lagged_products(residual), joint.band)[0]
     return np.concatenate([1.07 * scenario.values, remnant])
 
@@ -139,7 +139,7 @@ def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> No
         loop = np.abs(1.0 + element * (on_error + on_output)) ** 2
         return float(weights @ (left / spectrum - np.log(loop)) + described @ np.log(spectrum))
 
-    products = lagged_products(prediction.residual(truth))
+    products = lagged_products(prediction.errors(truth))
     first = np.concatenate([truth, LowPass(2).guess(products, joint.band)[0]])
     sets = [first]
     for index in range(first.size):

@@ -67,7 +67,7 @@ def test_runs_that_are_rotated_into_one_another_have_the_same_likelihood() -> No
     # The forcing function is the same in all runs.
     power = [np.sum(p.control**2) for p in (two, prediction)]
     assert power[0] > 0.8 * power[1]
-    one = prediction.of_runs([1])
+    one = prediction.mixed(np.eye(4)[[1]])
     assert one.binned is one
 
 
@@ -105,8 +105,8 @@ def test_a_change_by_nothing_is_the_constant_model(band: float | None) -> None:
     constant = np.array([0.08, 0.9, 0.25, 11.0, 0.3])
     same = np.array([0.08, 0.08, 0.9, 0.9, 40.0, 20.0, 0.25, 11.0, 0.3])
     expected = predict(recording, SINGLE, band)
-    left = expected.residual(constant)
-    found = predict(recording, ADAPTING, band).residual(same)
+    left = expected.errors(constant)
+    found = predict(recording, ADAPTING, band).errors(same)
     assert np.std(found - left) < 5e-4 * np.std(expected.control - left)
 
 
@@ -139,11 +139,10 @@ def test_all_ways_to_the_residual_agree() -> None:
     spectra = prediction.row_spectra(SETS)[:, -1]
     np.testing.assert_allclose(prediction.residual_spectra(SETS), spectra, atol=1e-9)
     for values, own in zip(SETS, spectra, strict=True):
-        np.testing.assert_allclose(
-            prediction.residual(values), prediction.samples_of(own), atol=1e-12
-        )
+        left = prediction.without_nuisance(prediction.samples_of(own))
+        np.testing.assert_allclose(prediction.errors(values), left, atol=1e-12)
     assert prediction.binned is prediction
-    second = prediction.of_runs([1])
+    second = prediction.mixed(np.eye(2)[[1]])
     np.testing.assert_allclose(second.row_spectra(SETS)[:, -1], spectra[:, 1:], atol=1e-12)
 
 

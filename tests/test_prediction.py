@@ -108,14 +108,14 @@ def test_rows_are_the_derivatives_of_the_prediction_and_its_residual(
 ) -> None:
     scenario = PILOTS[name]
     recording = simulate(replace(scenario, runs=2), np.random.default_rng(3))
-    prediction = predict(recording, scenario.model, band)
+    prediction = replace(predict(recording, scenario.model, band), nuisance_poles=())
     values = apart(scenario.values)
     rows = prediction.samples_of(prediction.row_spectra(values))
     count = values.shape[1]
     assert rows.shape == (2, count + 1, 2, prediction.window.scored)
     for point, row in zip(values, rows, strict=True):
-        np.testing.assert_allclose(row[-1], prediction.residual(point), atol=1e-12)
-        slopes = -differences(prediction.residual, point, 1e-5 * point)
+        np.testing.assert_allclose(row[-1], prediction.errors(point), atol=1e-12)
+        slopes = -differences(prediction.errors, point, 1e-5 * point)
         size = np.abs(slopes).max(axis=(1, 2), keepdims=True)
         assert np.all(np.abs(row[:-1] - slopes) <= 1e-7 * (size + np.abs(slopes)))
 

@@ -255,13 +255,13 @@ def _judged(recording: Recording, optimum: Optimum, scored: int) -> Candidate:
 def _left_out(joint: Likelihood, values: FloatArray, run: int) -> float:
     """Log-likelihood of a run under what the others say."""
     prediction = joint.prediction
-    rest = [r for r in range(prediction.runs) if r != run]
-    others = Likelihood(prediction.of_runs(rest), joint.noise)
+    every = np.eye(prediction.runs)
+    others = Likelihood(prediction.mixed(np.delete(every, run, axis=0)), joint.noise)
     # The fits start close by.
     end = minimise(others.gram, values[None], others, tolerance=2e-5, iterations=12)
     variance = float(end.cost[0]) / others.scaling(end.values[0])
     variance /= others.residuals - len(values)
-    alone = Likelihood(prediction.of_runs([run]), joint.noise)
+    alone = Likelihood(prediction.mixed(every[[run]]), joint.noise)
     return alone.log_likelihood(end.values[0], variance)
 
 

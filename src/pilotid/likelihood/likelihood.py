@@ -55,7 +55,10 @@ class Likelihood(Problem):
         self.band_terms = terms
         #: Number of prediction errors, see `Prediction.samples`; in a band that of its bins.
         self.residuals = prediction.samples if terms is None else terms.residuals
-        self.block = (prediction.binned if adjoint else prediction).block
+        if adjoint or prediction.weights is not None:
+            self.block = 12  # what a cache holds of few frequencies
+        elif prediction.control_spectrum.size >= 1 << 16:
+            self.block = 1  # beyond any cache: it spares memory
         model = prediction.model
         self.pilot_count = len(model.parameters)
         bounds = bounds_of(noise)

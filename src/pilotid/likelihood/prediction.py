@@ -9,6 +9,7 @@ nuisance term, which is projected out of both.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
@@ -21,7 +22,6 @@ from pilotid.model.channel import Changing, Channel
 from pilotid.model.factors import Evaluated, Response
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
-from pilotid.solve.least_squares import BLOCK
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.types import ComplexArray, FloatArray
@@ -145,13 +145,6 @@ class Prediction:
         """Number of runs."""
         return int(self.control_spectrum.shape[0])
 
-    @property
-    def block(self) -> int:
-        """Parameter sets that are evaluated at once: one beyond any cache, to spare memory."""
-        if self.weights is not None:
-            return 12  # what a cache holds
-        return BLOCK if self.control_spectrum.size < 1 << 16 else 1
-
     def outlasting_lag(self, values: FloatArray) -> float:
         """The slowest lag of a pilot whose free decay outlasts the pre-history [s]; 0 for none.
 
@@ -228,8 +221,8 @@ class Prediction:
         """Scored part of the control, shape (runs, scored)."""
         return self.samples_of(self.control_spectrum)
 
-    def residual(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
-        """Residual u - u_hat, nuisance terms included.
+    def errors(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
+        """Residual u - u_hat, whitened if need be, with nuisance terms projected out.
 
         Parameters
         ----------
@@ -245,21 +238,8 @@ class Prediction:
         spectra = self.residual_spectra(np.atleast_2d(values))
         if taps is not None:
             spectra *= self.filter_response(np.atleast_2d(taps))[:, None]
-        return self.samples_of(spectra.reshape(*values.shape[:-1], *spectra.shape[1:]))
-
-    def errors(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
-        """As `residual`, with nuisance terms projected out.
-
-        Parameters
-        ----------
-        values, taps
-            As for `residual`.
-
-        Returns
-        -------
-        Array of shape (runs, scored), or (sets, runs, scored).
-        """
-        return self.without_nuisance(self.residual(values, taps))
+        residual = self.samples_of(spectra.reshape(*values.shape[:-1], *spectra.shape[1:]))
+        return self.without_nuisance(residual)
 
     def residual_spectra(self, values: FloatArray) -> ComplexArray:
         """Transforms of the residual, shape (sets, runs, bins).
@@ -306,7 +286,7 @@ class Prediction:
         # What decays very slowly is much like an offset.
         always = slow if self.outlasting_lag(values) <= self.pre_history else (0.0, *slow)
         poles, every = prediction.nuisance_poles, prediction.nuisance_terms
-        residual = self.residual(values, taps)
+        residual = replace(self, nuisance_poles=()).errors(values, taps)
         limit = chi_squared_limit(prediction.runs, ESTIMATE.noticeable)
         kept = list(range(len(poles)))
         while kept:
@@ -386,10 +366,6 @@ class Prediction:
             rows = self.band_terms.weighted(rows)
         return rows.reshape(*rows.shape[:-2], -1)
 
-    def of_runs(self, runs: list[int]) -> Prediction:
-        """The prediction of some runs alone."""
-        return self.mixed(np.eye(self.runs)[runs])
-
     def mixed(self, weights: FloatArray) -> Prediction:
         """The prediction of weighted sums of runs: a linear pilot answers to them as to runs.
 
@@ -416,6 +392,10 @@ class Prediction:
 
     @cached_property
     def binned(self) -> Prediction:
+        """The prediction at few frequencies, see `binned_below`."""
+        return self.binned_below(math.inf)
+
+    def binned_below(self, band: float) -> Prediction:
         """The prediction at few frequencies, without the mean and what the window makes of it.
 
         A group of bins becomes a factor of its summed cross-spectra, of as many rows as there are
@@ -423,6 +403,11 @@ class Prediction:
 
         One whose inputs vary in time has no such form: of its runs the two sums of largest power
         are left, which hold what the forcing functions do in all of them.
+
+        Parameters
+        ----------
+        band
+            Frequencies from this one on are left out [rad/s], unless inputs vary in time.
         """
         if self.model.changes:
             _, sums = np.linalg.eigh(self.control @ self.control.T)
@@ -449,7 +434,7 @@ class Prediction:
         weights, terms = np.full(len(groups), np.sqrt(2.0 / scored)), self.band_terms
         if self.weighting is not None:
             weights *= np.sqrt(self.weighting.weights(middle))
-        used = weights > 0.0
+        used = (weights > 0.0) & (middle < band)
         return replace(
             self,
             s=1j * middle[used],
@@ -458,19 +443,6 @@ class Prediction:
             nuisance_poles=(),
             weights=weights[used],
             counted=self.runs * scored if terms is None else terms.residuals,
-        )
-
-    def below(self, band: float) -> Prediction:
-        """Few frequencies without those above one [rad/s]; any other prediction as it is."""
-        if self.weights is None:
-            return self
-        chosen = self.s.imag < band
-        return replace(
-            self,
-            s=self.s[chosen],
-            spectra=tuple(spectrum[:, chosen] for spectrum in self.spectra),
-            control_spectrum=self.control_spectrum[:, chosen],
-            weights=self.weights[chosen],
         )
 
     def filter_response(self, taps: FloatArray) -> ComplexArray:

@@ -271,7 +271,7 @@ def first_fit(
             weighting = weighting_of(recording, model, control, dt, settings.weighed)
             prediction = replace(prediction, weighting=weighting)
         if pilots is None:
-            white = _whitened(prediction.binned.below(SEARCH_BAND), WHITE)
+            white = _whitened(prediction.binned_below(SEARCH_BAND), WHITE)
             ends = search(white.gram, model, rng, candidates=CANDIDATES, refined=REFINED)
             pilots = np.concatenate([ends.distinct(), known])
         joint = Likelihood(prediction, settings.noise or FIRST_NOISE_MODEL)
