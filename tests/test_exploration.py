@@ -17,7 +17,7 @@ from pilotid.likelihood import search
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import MIN_VAF_RATIO, Optimum, PilotCheck
 from pilotid.likelihood.prediction import predict
-from pilotid.likelihood.prepare import analysis_band
+from pilotid.likelihood.prepare import Band
 from pilotid.likelihood.remnant_models import FIRST_NOISE_MODEL, NOISE_MODELS, criterion
 from pilotid.likelihood.search import (
     first_fit,
@@ -138,7 +138,7 @@ def test_every_start_is_judged_in_one_band() -> None:
     recording = simulate(replace(position_pilot(), dt=0.01), np.random.default_rng(1))
     model, rng = position_pilot().model, np.random.default_rng(0)
     first = first_fit(recording, model, MLE(), lines_pilot(recording, model, rng), rng)
-    assert first.joint.band == analysis_band(0.01, 120.0)
+    assert first.joint.band == Band(0.01, 2)
     near, far = maxima_from(recording, model, MLE(), model.start * np.array([[1.0], [1.3]]))
     assert near.joint.band == far.joint.band
 

@@ -130,24 +130,23 @@ def estimate() -> Estimate:
 
 def test_prediction_errors_are_those_of_the_likelihood() -> None:
     errors = found().joint.rows(found().end.values[:1])[0, -1]
-    own = prediction_errors(RECORDING, estimate())
+    prediction, own, _ = prediction_errors(RECORDING, estimate())
     # The search leaves out a few of the last samples, whose length makes transforms slow.
-    same = own.errors[:, : errors.shape[1]]
-    assert own.errors.shape[1] - errors.shape[1] < 0.01 * errors.shape[1]
-    assert own.prediction.dt == pytest.approx(found().joint.prediction.dt)
+    same = own[:, : errors.shape[1]]
+    assert own.shape[1] - errors.shape[1] < 0.01 * errors.shape[1]
+    assert prediction.dt == pytest.approx(found().joint.prediction.dt)
     # Nuisance terms that the fit left out are projected out here: that is all the difference.
     assert np.std(same - errors) < 0.05 * np.std(errors)
     assert np.corrcoef(same.ravel(), errors.ravel())[0, 1] > 0.999
 
 
 def test_without_a_model_of_the_remnant_one_is_chosen_that_whitens() -> None:
-    own = prediction_errors(RECORDING, replace(estimate(), remnant=None), RECORDING)
-    weights = np.ones(own.errors.shape[1] // 2 + 1)
+    _, own, _ = prediction_errors(RECORDING, replace(estimate(), remnant=None), RECORDING)
+    weights = np.ones(own.shape[1] // 2 + 1)
     # 40 lags; the residual itself is far from white.
-    assert portmanteau(own.errors, weights, np.arange(1, 41))[0] < 100.0
-    assert np.std(own.errors) == pytest.approx(
-        np.std(prediction_errors(RECORDING, estimate()).errors), rel=0.1
-    )
+    assert portmanteau(own, weights, np.arange(1, 41))[0] < 100.0
+    expected = np.std(prediction_errors(RECORDING, estimate())[1])
+    assert np.std(own) == pytest.approx(expected, rel=0.1)
 
 
 def test_correlations_on_numbers_worked_out_by_hand() -> None:
@@ -162,7 +161,7 @@ def test_a_target_that_was_not_recorded_is_an_input_all_the_same() -> None:
     model = MODELS["pursuit"]
     found = estimate_at(model, model.start, np.diag((0.1 * model.start) ** 2))
     both = [
-        inputs_of(given, prediction_errors(given, found, given).prediction)
+        inputs_of(given, prediction_errors(given, found, given)[0])
         for given in (RECORDING, replace(RECORDING, ft=None))
     ]
     for own in both:

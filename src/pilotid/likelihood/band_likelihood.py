@@ -320,10 +320,7 @@ def weighting_of(
         the pilot varies in time or acts on an extra signal, so that the loop has no known
         frequency response.
     """
-    if model.changes or model.extra:
-        return None
-    element = closing_element(recording)
-    if element is None:
+    if model.changes or model.extra or (element := closing_element(recording)) is None:
         return None
     floors, nyquist = floors_of(recording), math.pi / dt
     inside = floors.omega <= nyquist

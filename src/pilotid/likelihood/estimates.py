@@ -255,27 +255,9 @@ def scored(estimate: Estimate, recording: Recording, fitted_to: Recording | None
     return Score(simulated_vaf(recording, estimate.model, estimate.values), log_score)
 
 
-class Whitened(NamedTuple):
-    """Prediction errors in an analysis band.
-
-    Attributes
-    ----------
-    prediction
-        The recording in the band.
-    errors
-        Prediction errors in the unit of the control, shape (runs, samples).
-    variance
-        Their variance in what the estimate was fitted to.
-    """
-
-    prediction: Prediction
-    errors: FloatArray
-    variance: float
-
-
 def prediction_errors(
     recording: Recording, estimate: Estimate, fitted_to: Recording | None = None
-) -> Whitened:
+) -> tuple[Prediction, FloatArray, float]:
     """The prediction errors of an estimate.
 
     They are whitened by the model of the remnant that suits best what the estimate leaves of what
@@ -290,6 +272,12 @@ def prediction_errors(
         An estimate with values.
     fitted_to
         What it was fitted to; needed if the estimate has no model of the remnant.
+
+    Returns
+    -------
+    prediction, errors, variance
+        The recording in an analysis band, prediction errors in the unit of the control, shape
+        (runs, samples), and their variance in what the estimate was fitted to.
 
     Raises
     ------
@@ -314,7 +302,7 @@ def prediction_errors(
             f"the estimate by {estimate.method} has no model of the remnant; give the recording "
             "that it was fitted to as well, as in predict(recording, fitted_to)"
         )
-    return Whitened(prediction, prediction.errors(values, taps), variance)
+    return prediction, prediction.errors(values, taps), variance
 
 
 def inputs_of(recording: Recording, prediction: Prediction) -> dict[str, FloatArray]:
@@ -365,5 +353,6 @@ def _frame(prediction: Prediction, name: str, errors: FloatArray) -> DataFrame:
         "run": np.repeat(np.arange(1, runs + 1), prediction.window.scored),
         "time": np.tile(prediction.time, runs),
         "control": control.ravel(),
+        name: (control - errors).ravel(),
     }
-    return DataFrame({**columns, name: (control - errors).ravel()})
+    return DataFrame(columns)

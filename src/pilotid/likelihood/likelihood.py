@@ -108,7 +108,7 @@ class Likelihood(Problem):
             lasts = np.array([self.last(each) for each in values])
             grams[:, -1] = grams[:, :, -1] = lasts + self.outside(values)[:, -1]
         if self.band_terms is not None:
-            grams = self._with_log_determinant(grams, values)
+            self._add_log_determinant(grams, values)
         if self.invertible:
             grams[~are_invertible(self.taps(values)[0])] = np.nan
         return grams
@@ -137,15 +137,15 @@ class Likelihood(Problem):
         loop = self.prediction.loop.row_spectra(values[:, : self.pilot_count])[:, :, 0]
         return loop, *self.taps(values)
 
-    def _with_log_determinant(self, products: FloatArray, values: FloatArray) -> FloatArray:
-        """Inner products whose last one, Q, has the likelihood of the band by n log Q.
+    def _add_log_determinant(self, grams: FloatArray, values: FloatArray) -> None:
+        """Make inner products those whose last one, Q, has the likelihood of the band by n log Q.
 
         With squares Q0, n residuals and the log-determinant D that is Q = Q0 exp(2 D / n): what
         minimises sums of squares, and compares them by n log Q, needs to know nothing of D.
 
         Parameters
         ----------
-        products
+        grams
             Weighted inner products of Jacobian and errors, those outside included, shape
             (sets, parameters + 1, parameters + 1).
         values
@@ -155,27 +155,19 @@ class Likelihood(Problem):
         loop, taps, filter_slopes = self._determined(values)
         term, slope, information = self.band_terms.log_determinant(loop, taps, filter_slopes)
         size = float(self.residuals)
-        variance = products[:, -1, -1] / size
+        variance = grams[:, -1, -1] / size
         information -= (2.0 / size) * slope[:, :, None] * slope[:, None, :]
         information *= variance[:, None, None]
         # Far from the optimum it may take more than the squares have: then it is left out.
-        diagonal = np.diagonal(products, axis1=1, axis2=2)[:, :-1]
+        diagonal = np.diagonal(grams, axis1=1, axis2=2)[:, :-1]
         unsound = (np.diagonal(information, axis1=1, axis2=2) < (0.02 - 1.0) * diagonal).any(axis=1)
         information[unsound] = 0.0
-        grams = products.copy()
         grams[:, :-1, :-1] += information
         slope *= variance[:, None]
         grams[:, -1, :-1] -= slope
         grams[:, :-1, -1] -= slope
         grams *= np.exp(2.0 * term / size)[:, None, None]
         grams[~self.band_terms.are_stable(loop[:, -1])] *= 1e3  # beyond all others
-        return np.asarray(grams)
-
-    def log_determinant(self, values: FloatArray) -> float:
-        """What the likelihood of the band has beside squares, at one set, (parameters,)."""
-        if self.band_terms is None:
-            return 0.0
-        return float(self.band_terms.log_determinant(*self._determined(values[None]))[0][0])
 
     def log_likelihood(self, values: FloatArray, variance: float | None = None) -> float:
         """Log-likelihood at one parameter set, shape (parameters,).
@@ -186,13 +178,18 @@ class Likelihood(Problem):
         squares = float(self.squares(values[None])[0, -1, -1])
         if variance is None:
             variance = squares / count
-        return -0.5 * (count * math.log(2.0 * math.pi * variance) + squares / variance) - (
-            self.log_determinant(values)
-        )
+        scaled = 2.0 * math.pi * variance * self.scaling(values)
+        return -0.5 * (count * math.log(scaled) + squares / variance)
 
     def scaling(self, values: FloatArray) -> float:
-        """The factor of the likelihood on squares of prediction errors; 1 without a band."""
-        return math.exp(2.0 * self.log_determinant(values) / self.residuals)
+        """The factor of the likelihood on squares of prediction errors; 1 without a band.
+
+        It has what the likelihood of the band has beside squares, at one set, (parameters,).
+        """
+        if self.band_terms is None:
+            return 1.0
+        term, _, _ = self.band_terms.log_determinant(*self._determined(values[None]))
+        return math.exp(2.0 * float(term[0]) / self.residuals)
 
     def last(self, values: FloatArray) -> FloatArray:
         """Inner products of the prediction error with all rows, its own last, by the adjoint.

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -133,12 +133,6 @@ class Band:
         return np.asarray(power @ self.folded[1][:, : reach + 1])
 
 
-@lru_cache
-def analysis_band(dt: float, band: float | None) -> Band:
-    """The analysis band up to `band` [rad/s], or all, of a recording sampled every `dt` [s]."""
-    return Band(dt, decimation(dt, band))
-
-
 @dataclass(frozen=True)
 class Window:
     """Where a recording lies among the samples of an analysis band.
@@ -229,8 +223,7 @@ def window_of(
     """
     from scipy.fft import next_fast_len, prev_fast_len  # when it is needed
 
-    within, total = analysis_band(recording.dt, band), recording.u.shape[1]
-    factor = within.factor
+    factor, total = decimation(recording.dt, band), recording.u.shape[1]
     first = max(recording.run_in, round(recording.lead_in / recording.dt))
     unseen = round(model.ahead / recording.dt) + (MIXED * factor if factor > 1 else 0)
     if total - 1 - first - unseen < MIN_SCORED / recording.dt:
@@ -245,4 +238,5 @@ def window_of(
     extension = min(round(4.0 / recording.dt), total - 1)
     before = extension + -(extension + first) % factor
     length = next_fast_len(math.ceil((before + total + extension) / factor), real=True)
+    within = Band(recording.dt, factor)
     return Window(within, before, extension, length, (before + first) // factor, scored)
