@@ -253,8 +253,8 @@ class Prediction:
         """
         parts = self.parts(self.model.moving_responses(self.s, values))
         for c, fine in self.fine.items():
-            indices = list(self.model.changing_indices[c])
-            parts[c] = parts[c] * fine.modulated(self.window, values[:, indices])[0]
+            what = values[:, self.model.changing_indices[c]]
+            parts[c] = parts[c] * fine.modulated(self.window, what)[0]
         return np.asarray(self.control_spectrum - reduce(np.add, parts))
 
     def parts(self, responses: Sequence[Response]) -> list[ComplexArray]:
@@ -324,7 +324,7 @@ class Prediction:
         evaluated = model.evaluated(self.s, values)
         parts = self.parts(model.responses_of(evaluated))
         for c, fine in self.fine.items():
-            indices = list(model.changing_indices[c])
+            indices = model.changing_indices[c]
             signal, slopes = fine.modulated(self.window, values[:, indices])
             spectrum[:, indices] += slopes * parts[c][:, None]
             parts[c] = parts[c] * signal
@@ -520,11 +520,7 @@ def predict(
     """
     window = window_of(recording, model, band, fast=fast)
     dt, first = window.band.dt, window.first * window.band.factor - window.before
-    fine = {
-        c: fine_input(recording, channel, window)
-        for c, channel in enumerate(model.channels)
-        if channel.changing
-    }
+    fine = {c: fine_input(recording, model.channels[c], window) for c in model.changing_indices}
     spectra = tuple(
         np.ones((recording.runs, window.length // 2 + 1), dtype=complex)
         if channel.changing

@@ -332,40 +332,35 @@ class Guess(NamedTuple):
 
 def best_noise_model(residual: FloatArray, band: Band) -> Guess:
     """The noise model that suits a residual (runs, samples) best."""
-    every = guesses(lagged_products(residual), residual.size, band)
-    return min(every, key=lambda guess: guess.criterion)
+    return min(guesses(residual, band), key=lambda guess: guess.criterion)
 
 
 def guesses(
-    products: FloatArray, samples: int, band: Band, models: Sequence[NoiseModel] = NOISE_MODELS
+    residual: FloatArray, band: Band, models: Sequence[NoiseModel] = NOISE_MODELS
 ) -> list[Guess]:
     """Noise models as a residual suggests them.
 
     Parameters
     ----------
-    products
-        The residual's `lagged_products`, before whitening.
-    samples
-        Its samples in all runs.
+    residual
+        The residual before whitening, shape (runs, samples).
     band
         The analysis band.
     models
         Which models.
     """
-    fits = []
+    products, fits = lagged_products(residual), []
     for model in models:
         values, power = model.guess(products, band)
-        fits.append(Guess(criterion(model, power, samples), model, values))
+        fits.append(Guess(criterion(model, power, residual.size), model, values))
     return fits
 
 
 def neighbours(model: NoiseModel) -> list[NoiseModel]:
     """The next shorter and the next longer autoregression; none for another kind of model."""
-    if not model.regressive or model not in NOISE_MODELS:
-        return []
     place = NOISE_MODELS.index(model)
-    beside = [NOISE_MODELS[place - 1], *NOISE_MODELS[place + 1 : place + 2]]
-    return [other for other in beside if other.regressive]
+    beside = NOISE_MODELS[place - 1 : place + 2 : 2]
+    return [other for other in beside if other.regressive and model.regressive]
 
 
 def filter_of(remnant: RemnantEstimate, dt: float) -> tuple[Band, FloatArray, float]:

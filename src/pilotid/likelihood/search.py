@@ -17,7 +17,7 @@ Steps 1 and 2 look at binned spectra, steps 3 and 4 at all samples.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
@@ -42,9 +42,9 @@ from pilotid.likelihood.prepare import Band, decimation
 from pilotid.likelihood.remnant_models import (
     FIRST_NOISE_MODEL,
     NOISE_MODELS,
-    WHITE,
     BandPass,
     Guess,
+    LowPass,
     NoiseModel,
     Whitener,
     guesses,
@@ -128,27 +128,27 @@ def maximise_likelihood(
     whole = first.joint.prediction
     of_lag: dict[bool, Prediction] = {}
 
-    def choices(pilots: Iterable[FloatArray], noise: NoiseModel | None) -> list[RemnantChoice]:
-        """One of each pilot, with the terms of the first that has such a lag as it has."""
-        lags = [(pilot, whole.outlasting_lag(pilot) > 0.0) for pilot in pilots]
-        for pilot, outlasts in lags:
-            if outlasts not in of_lag:
-                of_lag[outlasts] = whole.with_noticeable_terms(pilot, first.whitener)
-        return [RemnantChoice(of_lag[outlasts], pilot, noise, check) for pilot, outlasts in lags]
+    def choice_at(pilot: FloatArray, noise: NoiseModel | None) -> RemnantChoice:
+        """That of a pilot, with the terms of the first that has such a lag as it has."""
+        outlasts = whole.outlasting_lag(pilot) > 0.0
+        if outlasts not in of_lag:
+            of_lag[outlasts] = whole.with_noticeable_terms(pilot, first.whitener)
+        return RemnantChoice(of_lag[outlasts], pilot, noise, check)
 
     def fitted(choice: RemnantChoice) -> Optimum:
         """Its best fit, again with other terms where the lag ends as one of the other kind."""
         fit = choice.full_fit()
-        own = choices([fit.pilot], choice.noise)[0]
+        own = choice_at(fit.pilot, choice.noise)
         return fit if own.prediction is choice.prediction else own.full_fit()
 
     # The lines' pilot rests on no model of the remnant.
-    likely = _likely(choices([*candidates, *lines], settings.noise))
+    likely = _likely([choice_at(pilot, settings.noise) for pilot in (*candidates, *lines)])
     best, others = _best_and_others([fitted(choice) for choice in likely])
     if settings.noise is None and not len(lines) and best.dispersion > MAX_DISPERSION:
         # What was not likely beside the remnant of the first pilot may be so beside that of this.
-        pilots = [pilot for pilot in sweep(best, rng, lines)[0] if not best.is_near(pilot)]
-        best, others = _best_and_others([best, *(fitted(c) for c in choices(pilots, None))])
+        pilots = sweep(best, rng, lines)[0]
+        again = [choice_at(pilot, None) for pilot in pilots if not best.is_near(pilot)]
+        best, others = _best_and_others([best, *map(fitted, again)])
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
     for _ in range(4):
         other = whole.with_noticeable_terms(best.pilot, best.whitener)
@@ -156,8 +156,8 @@ def maximise_likelihood(
         if len(terms) == len(before) and np.allclose(terms, before, rtol=0.1):
             break
         of_lag[best.is_slow] = other
-        pilots = [each.pilot for each in (best, *others)]
-        again, rivals = choices(pilots, best.joint.noise), best.rivals
+        again = [choice_at(each.pilot, best.joint.noise) for each in (best, *others)]
+        rivals = best.rivals
         best, others = _best_and_others([choice.full_fit() for choice in again])
         best = replace(best, rivals=rivals)
     if exchanged := _exchanged(best, recording):
@@ -217,8 +217,7 @@ def maxima_from(
         Pilot parameters, shape (sets, parameters); band and nuisance terms suit the first.
     """
     first = first_fit(recording, model, settings, sets[:1], np.random.default_rng(0))
-    whole = first.joint.prediction
-    prediction = whole.with_noticeable_terms(sets[0], first.whitener)
+    prediction = first.joint.prediction.with_noticeable_terms(sets[0], first.whitener)
     choices = [RemnantChoice(prediction, pilot, settings.noise) for pilot in sets]
     return [choice.full_fit().refined() for choice in choices]
 
@@ -264,14 +263,19 @@ def first_fit(
         Draws starts for pilots of a white residual where what is known is unsound.
     """
     pilots = known if is_sound(model, known) else None
-    for rate in _rates(recording, settings):
+    # Each band to choose from has less decimation than the one before.
+    rates = {decimation(recording.dt, settings.band): settings.band}
+    for wider in settings.wide if settings.band == LikelihoodSettings.band else ():
+        rates.setdefault(decimation(recording.dt, wider), wider)
+    for rate in rates.values():
         prediction = predict(recording, model, rate, fast=True)
         if settings.loop:
             control, dt = prediction.control, prediction.dt
             weighting = weighting_of(recording, model, control, dt, settings.weighed)
             prediction = replace(prediction, weighting=weighting)
         if pilots is None:
-            white = _whitened(prediction.binned_below(SEARCH_BAND), WHITE)
+            few = prediction.binned_below(SEARCH_BAND)
+            white = Likelihood(replace(few, weighting=None))
             ends = search(white.gram, model, rng, candidates=CANDIDATES, refined=REFINED)
             pilots = np.concatenate([ends.distinct(), known])
         joint = Likelihood(prediction, settings.noise or FIRST_NOISE_MODEL)
@@ -279,11 +283,6 @@ def first_fit(
         if wide_enough(first):
             break
     return first
-
-
-def _whitened(prediction: Prediction, whitener: Whitener) -> Likelihood:
-    """Least squares of prediction errors, without what the loop adds in a band."""
-    return Likelihood(replace(prediction, weighting=None), whitener)
 
 
 def with_remnants(
@@ -294,14 +293,6 @@ def with_remnants(
     guesses = [joint.noise.guess(lagged_products(left), joint.band)[0] for left in residuals]
     starts = np.hstack([pilots, guesses])
     return minimise(joint.coarse.gram, starts, joint, tolerance=tolerance, iterations=iterations)
-
-
-def _rates(recording: Recording, settings: LikelihoodSettings) -> list[float | None]:
-    """The analysis bands to choose from [rad/s], each with less decimation than the one before."""
-    rates = {decimation(recording.dt, settings.band): settings.band}
-    for rate in settings.wide if settings.band == LikelihoodSettings.band else ():
-        rates.setdefault(decimation(recording.dt, rate), rate)
-    return list(rates.values())
 
 
 def wide_enough(first: Optimum) -> bool:
@@ -355,7 +346,8 @@ def sweep(
     """
     coarse = first.joint.prediction.binned
     model, samples = coarse.model, coarse.samples
-    whitened = _whitened(coarse, Whitener(first.whitener))
+    # Least squares of prediction errors, without what the loop adds in a band.
+    whitened = Likelihood(replace(coarse, weighting=None), Whitener(first.whitener))
     count = 0 if is_sound(model, lines) else CANDIDATES
     starts = _starts(model, first.pilot, rng, count)
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
@@ -409,14 +401,11 @@ def group_by_optimum(ends: Minima, samples: int) -> list[list[int]]:
 
     `ends` and `samples` are as in `optima`.
     """
-    groups: list[list[int]] = []
+    groups: dict[int, list[int]] = {}
     for index, values in enumerate(ends.values):
-        near = (g for g in groups if ends.apart(values, samples, g[0]) <= SAME_OPTIMUM_DISTANCE)
-        if (nearest := next(near, None)) is None:
-            groups.append([index])
-        else:
-            nearest.append(index)
-    return groups
+        near = (g for g in groups if ends.apart(values, samples, g) <= SAME_OPTIMUM_DISTANCE)
+        groups.setdefault(next(near, index), []).append(index)
+    return [*groups.values()]
 
 
 def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
@@ -442,7 +431,7 @@ def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
 _criterion = attrgetter("criterion")
 
 
-def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
+def contenders(residual: FloatArray, band: Band) -> list[Guess]:
     """The model that suits a residual best, and the best of the other kind if it is close.
 
     The kinds are filters of white noise and autoregressions.  Beside a band-pass stands the best
@@ -450,16 +439,15 @@ def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
 
     Parameters
     ----------
-    products, samples, band
+    residual, band
         See `pilotid.likelihood.remnant_models.guesses`.
     """
-    scored = sorted(guesses(products, samples, band), key=_criterion)
-    filters = [each for each in scored if not each.model.regressive]
-    best = [filters[0], next(each for each in scored if each.model.regressive)]
-    if isinstance(filters[0].model, BandPass):
-        best.append(next(each for each in filters if not isinstance(each.model, BandPass)))
+    scored = sorted(guesses(residual, band), key=_criterion)
+    best = {type(each.model): each for each in reversed(scored)}
+    if best[LowPass].criterion <= best[BandPass].criterion:
+        del best[BandPass]
     limit = scored[0].criterion + LOOK_CRITERION
-    return [each for each in sorted(best, key=_criterion) if each.criterion < limit]
+    return [each for each in sorted(best.values(), key=_criterion) if each.criterion < limit]
 
 
 @dataclass(eq=False)
@@ -515,15 +503,13 @@ class RemnantChoice:
 
         None for those that suit what the pilot leaves.  It is as exact as is compared.
         """
-        prediction = self.prediction
-        products = lagged_products(prediction.errors(self.pilot))
-        suited = products, prediction.runs * prediction.window.scored, prediction.window.band
+        residual, band = self.prediction.errors(self.pilot), self.prediction.window.band
         models = [self.noise] if self.noise else models
-        every = contenders(*suited) if models is None else guesses(*suited, models)
+        every = contenders(residual, band) if models is None else guesses(residual, band, models)
         fits = [self._fitted(guess) for guess in every]
         if not (self.noise or any(fit.is_invertible for fit in fits)):
             filters = [model for model in NOISE_MODELS if not model.regressive]
-            fits += [self._fitted(guess) for guess in guesses(*suited, filters)]
+            fits += [self._fitted(guess) for guess in guesses(residual, band, filters)]
         best = min(fits, key=_criterion)
         near = [fit for fit in fits if not fit.criterion > best.criterion + best.remaining_decrease]
         best = best if len(near) == 1 else min(map(self._refined, near), key=_criterion)
@@ -552,12 +538,10 @@ def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     if len(choices) == 1:
         return choices
     firsts = [(choice.suited_fit(), choice) for choice in choices]
-    highest = max(fit.rank for fit, _ in firsts)
-    firsts = [(fit, choice) for fit, choice in firsts if fit.rank == highest]
-    firsts.sort(key=lambda first: first[0].criterion)
-    likely: dict[Optimum, RemnantChoice] = {}
+    firsts.sort(key=lambda first: (-first[0].rank, first[0].criterion))
+    best, likely = firsts[0][0], dict[Optimum, RemnantChoice]()
     for fit, choice in firsts:
-        is_likely = fit.criterion < firsts[0][0].criterion + LOOK_CRITERION
+        is_likely = fit.rank == best.rank and fit.criterion < best.criterion + LOOK_CRITERION
         if is_likely and not any(better.is_near(fit.pilot) for better in likely):
             likely[fit] = choice
     return [*likely.values()]

@@ -339,11 +339,10 @@ class PilotModel:
         return sets
 
     @cached_property
-    def changing_indices(self) -> tuple[tuple[int, ...], ...]:
-        """Per channel, the indices of the parameters of what varies in time; empty for nothing."""
-        return tuple(
-            self._indices(c.changing.parameters) if c.changing else () for c in self.channels
-        )
+    def changing_indices(self) -> dict[int, list[int]]:
+        """By the index of each channel that varies in time, those of its varying parameters."""
+        varying = {c: channel.changing for c, channel in enumerate(self.channels)}
+        return {c: [*self._indices(it.parameters)] for c, it in varying.items() if it}
 
     @cached_property
     def change(self) -> tuple[int, ...]:
