@@ -125,17 +125,14 @@ class MMLE3:
         if covariance is None or lost:
             why = f"{lost[0]} ends near zero, where rounding makes its slopes" if lost else ""
             return failed(self.name, model, Outcome.SINGULAR, why)
-        prediction = output.prediction
-        estimate = make_estimate(
-            self.name, recording, model, values, covariance, converged=True, prediction=prediction
-        )
+        estimate = make_estimate(self.name, recording, model, values, covariance, converged=True)
         # There are no bounds here, so that none was reached.
         return replace(
             estimate,
             outcome=Outcome.CONVERGED,
             message="",
             iterations=iteration,
-            remarks=too_short(Likelihood(prediction), values),
+            remarks=too_short(Likelihood(output.prediction), values),
         )
 
 

@@ -179,11 +179,10 @@ class BandTerms:
 
     def filtered(self, rows: FloatArray) -> FloatArray:
         """Rows (..., samples) filtered by the weights: their products with rows are weighted."""
-        spectra = np.fft.rfft(rows)
-        spectra[..., 0] *= 2.0 * self.weights[0]
-        spectra[..., 1 : self.weights.size] *= self.weights[1:]
-        spectra[..., self.weights.size :] = 0.0
-        return np.asarray(np.fft.irfft(spectra, n=rows.shape[-1]))
+        factors = np.zeros(rows.shape[-1] // 2 + 1)
+        factors[: self.weights.size] = self.weights
+        factors[0] *= 2.0  # the mean is half a bin
+        return np.asarray(np.fft.irfft(np.fft.rfft(rows) * factors, n=rows.shape[-1]))
 
     def are_stable(self, closed: ComplexArray) -> BoolArray:
         """Whether loops are stable, of 1 + L in the groups that count, shape (sets, counting).

@@ -24,7 +24,7 @@ from pilotid.estimate.estimate import (
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction, predict
 from pilotid.likelihood.remnant_models import best_noise_model, filter_of
-from pilotid.likelihood.search import SEARCH_BAND
+from pilotid.likelihood.search import SEARCH_BAND, LikelihoodSettings
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.solve.intervals import REACH, score_products, with_information
@@ -58,7 +58,7 @@ def simulated_vaf(
     recording, model, values
         What is simulated.
     prediction
-        The prediction in that band or at the full rate, where the caller has it already.
+        The prediction in that band, where the caller has it already.
     """
     prediction = (prediction or predict(recording, model, VAF_BAND)).with_decays(values)
     left = float(np.mean(np.var(prediction.errors(values), axis=1)))
@@ -81,7 +81,6 @@ def make_estimate(
     *,
     converged: bool,
     optimum: FloatArray | None = None,
-    prediction: Prediction | None = None,
 ) -> Estimate:
     """The estimate with outcome, symmetric intervals and VAF.
 
@@ -101,8 +100,6 @@ def make_estimate(
     optimum
         Where the search ended, if that is not the estimate, shape (parameters,); a parameter at a
         bound there is named in the message.
-    prediction
-        The prediction at the full rate, where the method has it already.
     """
     end = values if optimum is None else optimum
     outcome, message = outcome_of(model, end, converged)
@@ -113,7 +110,7 @@ def make_estimate(
         values=values,
         covariance=covariance,
         intervals=within_bounds(model, values, symmetric_intervals(values, covariance)),
-        vaf=simulated_vaf(recording, model, values, prediction),
+        vaf=simulated_vaf(recording, model, values),
         message=message,
     )
 
@@ -176,7 +173,6 @@ class WhiteLikelihood:
             values,
             covariance,
             converged=bool(end.converged[0]),
-            prediction=prediction if self.band is None else None,
         )
         return replace(
             estimate,
@@ -210,9 +206,6 @@ def too_short(problem: Likelihood, values: FloatArray) -> tuple[Remark, ...]:
             "too short, and the estimate is biased in a closed loop; use mle or bayes",
         ),
     )
-
-
-BAND = 50.0  # of a remnant that the estimate does not know [rad/s], that of `mle`
 
 
 class Score(NamedTuple):
@@ -287,11 +280,11 @@ def prediction_errors(
     _require_values(estimate)
     model, values, remnant = estimate.model, estimate.values, estimate.remnant
 
-    def prepared(of: Recording, rate: float | None) -> Prediction:
+    def prepared(of: Recording, rate: float | None = LikelihoodSettings.band) -> Prediction:
         return replace(predict(of, model, rate), nuisance_poles=(0.0,))
 
     if fitted_to is not None:
-        known, prediction = prepared(fitted_to, BAND), prepared(recording, BAND)
+        known, prediction = prepared(fitted_to), prepared(recording)
         taps = best_noise_model(known.errors(values), known.window.band).whitener(known.window.band)
         variance = float(np.mean(known.errors(values, taps) ** 2))
     elif remnant is not None:

@@ -285,23 +285,22 @@ class Prediction:
         slow = prediction.nuisance_poles[len(self.nuisance_poles) :]
         # What decays very slowly is much like an offset.
         always = slow if self.outlasting_lag(values) <= self.pre_history else (0.0, *slow)
-        poles, every = prediction.nuisance_poles, prediction.nuisance_terms
+        poles = list(prediction.nuisance_poles)
         residual = replace(self, nuisance_poles=()).errors(values, taps)
         limit = chi_squared_limit(prediction.runs, ESTIMATE.noticeable)
-        kept = list(range(len(poles)))
-        while kept:
-            terms = every[:, kept]
+        while poles:
+            terms = replace(self, nuisance_poles=tuple(poles)).nuisance_terms
             weights = np.linalg.pinv(terms)  # two decays may be alike
             amplitudes = residual @ weights.T
             left = residual - amplitudes @ terms.T
             variance = np.sum(left**2) / (left.size - amplitudes.size)
             squares = np.sum(amplitudes**2 / np.sum(weights**2, axis=1), axis=0) / variance
-            squares[[poles[place] in always for place in kept]] = np.inf
+            squares[np.isin(poles, always)] = np.inf
             least = int(np.argmin(squares))
             if squares[least] > limit:
                 break
-            del kept[least]
-        return replace(self, nuisance_poles=tuple(poles[place] for place in kept))
+            del poles[least]
+        return replace(self, nuisance_poles=tuple(poles))
 
     def row_spectra(self, values: FloatArray, between: int = 0) -> ComplexArray:
         """Transforms of the prediction's Jacobian, and below it of the residual u - u_hat.
