@@ -139,7 +139,7 @@ class Bayes(LikelihoodSettings):
         else:
             tested = optimum.covariance
             remarks = fit_remarks(optimum, recording, asked_for_band=self.loop)
-        estimate = with_verdict(estimate, optimum, recording, tested, "mle-reference", remarks)
+        estimate = with_verdict(estimate, optimum, recording, tested, remarks)
         if estimate.outcome.usable and is_vague(estimate) and one_signal(recording, model):
             # Several summits, far apart: draws about one of them look as good as any others.
             estimate = replace(estimate, outcome=Outcome.NOT_CONVERGED, message=SUMMITS)

@@ -46,8 +46,6 @@ class MLE(LikelihoodSettings):
     """
 
     name: ClassVar[str] = "mle"
-    #: The method against which estimates are tested where there are no lines.
-    against: ClassVar[str] = "mle-reference"
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Estimate pilot and remnant together; intervals follow the profile likelihood.
@@ -77,9 +75,7 @@ class MLE(LikelihoodSettings):
         if profile is not None:
             estimate = with_profile(estimate, optimum, profile)
         remarks = fit_remarks(optimum, recording, asked_for_band=self.loop)
-        estimate = with_verdict(
-            estimate, optimum, recording, estimate.covariance, self.against, remarks
-        )
+        estimate = with_verdict(estimate, optimum, recording, estimate.covariance, remarks)
         return replace(estimate, criterion=optimum.criterion)
 
     def criteria_from(

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -127,7 +126,7 @@ class Moments(Problem):
 
 
 def specification_by_instruments(
-    optimum: Optimum, recording: Recording, values: FloatArray, covariance: FloatArray, against: str
+    optimum: Optimum, recording: Recording, values: FloatArray, covariance: FloatArray
 ) -> Specification | None:
     """An efficient estimate tested against the moments of instruments, where no lines can test it.
 
@@ -141,8 +140,6 @@ def specification_by_instruments(
         The optimum of the likelihood, and what was fitted.
     values, covariance
         The estimate, shapes (parameters,) and (parameters, parameters).
-    against
-        The method whose moments they are.
     """
     weighting, model = optimum.joint.prediction.weighting, optimum.joint.prediction.model
     driven = any(np.ptp(s) > 0.0 for s in forcing_functions(recording))
@@ -155,7 +152,7 @@ def specification_by_instruments(
     rows = moments.rows(values[None])[0]
     jacobian, score = rows[:-1].T, rows[-1]
     left = np.eye(score.size) - jacobian @ covariance @ jacobian.T
-    tested = score_test(score, left, ESTIMATE.least_by_instruments, against)
+    tested = score_test(score, left, ESTIMATE.least_by_instruments, "mle-reference")
     moved = np.abs(np.linalg.lstsq(jacobian, score)[0]) / np.sqrt(np.diag(covariance))
     return tested and replace(tested, moved=float(moved.max()))
 
@@ -214,7 +211,6 @@ def with_verdict(
     optimum: Optimum,
     recording: Recording,
     covariance: FloatArray | None,
-    against: str,
     remarks: Sequence[Remark],
 ) -> Estimate:
     """The estimate with what its likelihood rests on, and what speaks against it.
@@ -225,8 +221,6 @@ def with_verdict(
         The estimate, the optimum of the likelihood that it is of, and what was fitted.
     covariance
         Covariance of the optimum, shape (parameters, parameters); None where it is not tested.
-    against
-        The method whose moments it is tested against where no lines can test it.
     remarks
         What is said besides, see `fit_remarks`.
     """
@@ -235,7 +229,7 @@ def with_verdict(
         estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=NO_PILOT)
         remarks = (Remark("misspecified", f"{NO_PILOT}; the values mean nothing"), *remarks)
     elif covariance is not None:
-        tested = specification(optimum, recording, covariance, against)
+        tested = specification(optimum, recording, covariance)
     said = tested.remarks if tested else ()
     if recording.ft is None or recording.fd is None:  # scores scatter more (5 of 300 sound fits)
         said = tuple(Remark(r.code, r, "doubt") if r.grade == "wrong" else r for r in said)
@@ -251,13 +245,13 @@ def with_verdict(
 
 
 def specification(
-    optimum: Optimum, recording: Recording, covariance: FloatArray, against: str
+    optimum: Optimum, recording: Recording, covariance: FloatArray
 ) -> Specification | None:
     """The optimum tested against a consistent estimate: the forcing lines, or else instruments.
 
     Parameters
     ----------
-    optimum, recording, covariance, against
+    optimum, recording, covariance
         As for `with_verdict`.
     """
     enough = recording.runs * recording.duration >= ESTIMATE.tested_from
@@ -275,7 +269,7 @@ def specification(
     )
     if tested or bounded:
         return tested
-    return specification_by_instruments(optimum, recording, values, covariance, against)
+    return specification_by_instruments(optimum, recording, values, covariance)
 
 
 def fit_remarks(
@@ -421,18 +415,19 @@ def gains_change(optimum: Optimum) -> Remark | None:
     changes = score_of_changes(optimum.tested_rows, varying, PLACES) if varying else []
     if not changes:
         return None
-    best = max(changes, key=lambda change: change.statistic)
-    chance = len(changes) * chi_squared_tail(best.freedom, best.statistic)
-    shares = best.steps / optimum.pilot[varying]
+    largest = int(np.argmax([statistic for statistic, _, _ in changes]))
+    statistic, freedom, at_once = changes[largest]
+    chance = len(changes) * chi_squared_tail(freedom, statistic)
+    shares = at_once / optimum.pilot[varying]
     if chance >= ESTIMATE.seldom or np.abs(shares).max() < ESTIMATE.changes_by:
         return None
-    time = prediction.time[0] + best.place * prediction.window.scored * prediction.dt
+    time = prediction.time[0] + PLACES[largest] * prediction.window.scored * prediction.dt
     keys = [model.keys[i] for i in varying]
     steps = [f"{key} by {100.0 * share:+.0f} %" for key, share in zip(keys, shares, strict=True)]
     return Remark(
         "pilot-changes",
         f"{' and '.join(keys)} change during the recording, mainly about t = {time:.0f} "
-        f"s ({', '.join(steps)}; score test, chi-square {best.statistic:.0f} on {len(keys)} df), "
+        f"s ({', '.join(steps)}; score test, chi-square {statistic:.0f} on {len(keys)} df), "
         "or the model lacks a channel or a lag; fit segments (--span), or --model adapting",
     )
 
@@ -440,10 +435,10 @@ def gains_change(optimum: Optimum) -> Remark | None:
 def _changed(optimum: Optimum) -> Remark | None:
     rows, pilot, model = optimum.tested_rows, optimum.pilot, optimum.joint.prediction.model
     halves = score_of_changes(rows, range(pilot.size), [0.5])
-    if not halves or not halves[0].freedom:
+    if not halves:
         return None
-    _, statistic, freedom, steps = halves[0]
-    if statistic <= chi_squared_limit(freedom, ESTIMATE.seldom):
+    statistic, freedom, steps = halves[0]
+    if not freedom or statistic <= chi_squared_limit(freedom, ESTIMATE.seldom):
         return None
     # The control is proportional to the gains: with their slopes it is all that is predicted.
     gains = np.where(np.isin(np.arange(pilot.size), model.linear), pilot, 0.0)
@@ -526,28 +521,9 @@ def portmanteau(errors: FloatArray, weights: FloatArray, lags: IntArray) -> tupl
     return float(np.sum(along**2 / size[kept])), int(np.count_nonzero(kept))
 
 
-class Change(NamedTuple):
-    """The score test of a change at one time.
-
-    Attributes
-    ----------
-    place
-        The time, as a share of the samples.
-    statistic, freedom
-        Chi-squared with so many degrees of freedom under constant parameters.
-    steps
-        By how much each parameter that may change is larger from then on, to first order.
-    """
-
-    place: float
-    statistic: float
-    freedom: int
-    steps: FloatArray
-
-
 def score_of_changes(
     rows: FloatArray, varying: Sequence[int], places: Sequence[float]
-) -> list[Change]:
+) -> list[tuple[float, int, FloatArray]]:
     """The score tests of changes in some parameters, one for each time.
 
     The score after a time has the covariance I2 - I2 I^-1 I2, with I2 the information after it
@@ -565,8 +541,10 @@ def score_of_changes(
 
     Returns
     -------
-    list of Change
-        Empty where the information is singular.
+    statistic, freedom, steps
+        For each time chi-squared, with so many degrees of freedom under constant parameters, and
+        by how much each parameter that may change is larger from then on, to first order.  The
+        list is empty where the information is singular.
     """
     jacobian, errors = rows[:-1].reshape(len(rows) - 1, -1), rows[-1].ravel()
     inverse = covariance_of(jacobian @ jacobian.T, 1.0)
@@ -588,5 +566,5 @@ def score_of_changes(
         along = directions[:, tested].T @ root.T @ score
         statistic = float(np.sum(along**2 / sizes[tested])) / variance
         steps = root @ directions[:, tested] @ (along / sizes[tested])
-        changes.append(Change(place, statistic, along.size, steps))
+        changes.append((statistic, along.size, steps))
     return changes

@@ -53,8 +53,10 @@ class Likelihood(Problem):
         self.invertible = invertible
         self.band, terms = prediction.window.band, prediction.band_terms
         self.band_terms = terms
-        #: Number of prediction errors, see `Prediction.samples`; in a band that of its bins.
-        self.residuals = prediction.samples if terms is None else terms.residuals
+        free = prediction.window.scored - len(prediction.nuisance_poles)
+        directly = prediction.counted or prediction.runs * free
+        #: Number of prediction errors, less the nuisance terms of each run; in a band of its bins.
+        self.residuals = directly if terms is None else terms.residuals
         if adjoint or prediction.weights is not None:
             self.block = 12  # what a cache holds of few frequencies
         elif prediction.control_spectrum.size >= 1 << 16:

@@ -131,7 +131,7 @@ class Prediction:
     pre_history: float
     nuisance_poles: tuple[float, ...]
     fine: dict[int, FineInput]
-    weighting: Weighting | None
+    weighting: Weighting | None = None
     weights: FloatArray | None = None
     counted: int = 0
 
@@ -174,11 +174,6 @@ class Prediction:
             return self
         times = (lag / BESIDE, lag * BESIDE) if lag <= known else (known, 2.0 * known)
         return replace(self, nuisance_poles=(*self.nuisance_poles, *(-1.0 / t for t in times)))
-
-    @property
-    def samples(self) -> int:
-        """Scored samples of all runs, less the nuisance terms fitted to each run."""
-        return self.counted or self.runs * (self.window.scored - len(self.nuisance_poles))
 
     @cached_property
     def band_terms(self) -> BandTerms | None:
@@ -536,5 +531,4 @@ def predict(
         pre_history=first * recording.dt,
         nuisance_poles=(0.0, *model.fixed_poles),
         fine=fine,
-        weighting=None,
     )

@@ -345,9 +345,9 @@ def sweep(
     which parameters simulate the control as a pilot does.
     """
     coarse = first.joint.prediction.binned
-    model, samples = coarse.model, coarse.samples
     # Least squares of prediction errors, without what the loop adds in a band.
     whitened = Likelihood(replace(coarse, weighting=None), Whitener(first.whitener))
+    model, samples = coarse.model, whitened.residuals
     count = 0 if is_sound(model, lines) else CANDIDATES
     starts = _starts(model, first.pilot, rng, count)
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
