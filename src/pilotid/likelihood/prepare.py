@@ -35,16 +35,11 @@ def padded(signal: FloatArray, before: int, length: int, extension: int) -> Floa
         Samples over which it fades out.
     """
     fade = 0.5 * (1.0 + np.cos(np.pi * np.arange(1, extension + 1) / (extension + 1)))
-
-    def beyond(inward: FloatArray) -> FloatArray:
-        """What lies before the first sample of a signal, outward."""
-        return np.asarray((2.0 * inward[:, :1] - inward[:, 1 : extension + 1]) * fade)
-
-    whole, end = np.zeros((len(signal), length)), before + signal.shape[1]
-    whole[:, before:end] = signal
-    whole[:, before - extension : before] = beyond(signal)[:, ::-1]
-    whole[:, end : end + extension] = beyond(signal[:, ::-1])
-    return whole
+    longer = np.pad(signal, ((0, 0), (extension, extension)), "reflect", reflect_type="odd")
+    longer[:, :extension] *= fade[::-1]
+    longer[:, -extension:] *= fade
+    zeros = before - extension, length - before - signal.shape[1] - extension
+    return np.pad(longer, ((0, 0), zeros))
 
 
 #: Samples that a whitening filter may reach back, and that one may to whom low frequencies matter.
