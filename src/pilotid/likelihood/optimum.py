@@ -286,9 +286,8 @@ class Optimum:
         information = np.asarray(self.end.gram[0, :-1, :-1])
         if covariance_of(information, 1.0) is not None:
             return information
-        bounded = np.zeros(len(information), dtype=bool)
-        bounded[: self.joint.pilot_count] = is_at_bound(self.joint.prediction.model, self.pilot)
-        return apart(information, bounded)
+        bounded = is_at_bound(self.joint.prediction.model, self.pilot)
+        return apart(information, np.pad(bounded, (0, len(information) - bounded.size)))
 
     @property
     def covariance(self) -> FloatArray | None:
