@@ -179,7 +179,8 @@ class BandTerms:
 
     def filtered(self, rows: FloatArray) -> FloatArray:
         """Rows (..., samples) filtered by the weights: their products with rows are weighted."""
-        factors = np.pad(self.weights, (0, rows.shape[-1] // 2 + 1 - self.weights.size))
+        factors = np.zeros(rows.shape[-1] // 2 + 1)
+        factors[: self.weights.size] = self.weights
         factors[0] *= 2.0  # the mean is half a bin
         return np.asarray(np.fft.irfft(np.fft.rfft(rows) * factors, n=rows.shape[-1]))
 

@@ -207,7 +207,7 @@ class Likelihood(Problem):
             Shape (parameters + 1,).
         """
         prediction, window = self.prediction, self.prediction.window
-        length, before = window.length, window.first
+        length, first = window.length, window.first
         evaluated = prediction.model.evaluated(prediction.s, values[None, : self.pilot_count])
         parts = prediction.parts(prediction.model.responses_of(evaluated))
         residual = prediction.control_spectrum - reduce(np.add, parts)[0]
@@ -216,7 +216,8 @@ class Likelihood(Problem):
         errors = plain = prediction.without_nuisance(prediction.samples_of(filters[-1] * residual))
         if self.band_terms is not None:
             errors = prediction.without_nuisance(self.band_terms.filtered(errors))
-        padded = np.pad(errors, ((0, 0), (before, length - before - window.scored)))
+        padded = np.zeros((prediction.runs, length))
+        padded[:, first : first + window.scored] = errors
         # Bins stand for two, but for the first and the one at half the sampling rate.
         counted = np.full(length // 2 + 1, 2.0 / length)
         counted[[0] if length % 2 else [0, -1]] = 1.0 / length
