@@ -101,11 +101,11 @@ def test_where_the_optimum_is_at_a_bound_others_are_sought_inside() -> None:
     recording = simulate(NOMINAL, np.random.default_rng(4))
     free = maximise_likelihood(recording, NOMINAL.model, np.random.default_rng(1), MLE())
     assert len(off_bounds(free)) == 0
-    # A damping that may not reach the pilot's .22 stops at its bound.
-    damped = Parameter("dnm", "", 0.4, 3.0, 0.5, (0.45, 0.8), last=True)
-    bounded = replace(NOMINAL.model, name="damped", overrides=(damped,))
+    # A delay that may not reach the pilot's .32 s stops at its bound.
+    late = Parameter("tdvis", "s", 0.36, 1.0, 0.45, (0.38, 0.6), positive=False, delay=True)
+    bounded = replace(NOMINAL.model, name="late", overrides=(late,))
     found = maximise_likelihood(recording, bounded, np.random.default_rng(1), MLE())
-    at = bounded.keys.index("dnm")
+    at = bounded.keys.index("tdvis")
     low, high = at_bounds(bounded, found.pilot, found.pilot)
     assert low[at]
     assert not high.any()

@@ -6,10 +6,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import control
 import numpy as np
 import pytest
 from cases import far_model, position_control, recorded
 from pytest_benchmark.fixture import BenchmarkFixture
+from scipy.optimize import least_squares
 
 from pilotid import load_recording
 from pilotid.datasets import scenario_named, simulate
@@ -17,6 +19,7 @@ from pilotid.estimate.method import identify
 from pilotid.methods import method_named
 from pilotid.methods.bayes import Bayes
 from pilotid.model.catalogue import MODELS
+from pilotid.support.types import FloatArray
 
 METHODS = (
     *("mmle3", "mle-white", "mle-genetic", "mle", "bayes-white", "bayes"),
@@ -54,6 +57,29 @@ def test_fit(
     if name in ("mle", "mle-white") and (model, runs) == ("multi", 1):
         # One descent from one start is what no likelihood can be maximised without.
         necessary(float(estimate.iterations))
+
+
+def test_what_a_user_would_write(benchmark: BenchmarkFixture) -> None:
+    """Output error by python-control, Pade delays and scipy's least squares, from 40 % off."""
+    benchmark.group = "fit: multi, 1 run of 4096 samples"
+    data, start = recorded("nominal"), far_model().start
+
+    def residual(values: FloatArray) -> FloatArray:
+        gain, lead, delay, motion_gain, motion_delay, frequency, damping = values
+        s = control.tf("s")
+        muscles = frequency**2 / (s**2 + 2.0 * damping * frequency * s + frequency**2)
+        visual = gain * (lead * s + 1.0) * control.tf(*control.pade(delay, 5)) * muscles
+        sensor = s**2 * (0.1 * s + 1.0) / (6.0 * s + 1.0)
+        motion = -motion_gain * sensor * control.tf(*control.pade(motion_delay, 5)) * muscles
+        both = control.append(control.tf2ss(visual), control.tf2ss(motion))
+        signals = np.concatenate([data.e, data.x])
+        answers = control.forced_response(both, data.time - data.time[0], signals).outputs
+        return np.asarray(data.u[0] - answers.sum(axis=0))[data.run_in :]
+
+    bounds = 1e-3 * start, 10.0 * start
+    found = benchmark(lambda: least_squares(residual, start, x_scale=start, bounds=bounds))
+    white = identify(method_named("mle-white"), data, far_model(), np.random.default_rng(1))
+    assert found.x == pytest.approx(white.values, rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["mle-white", "mle", "bayes"])

@@ -340,9 +340,10 @@ class Optimum:
         """The same to the tolerance of what is reported, see `descend`."""
         if self.is_refined:
             return self
-        adjoint, start = self.joint.adjoint, self.end.only([0])
-        joint = Likelihood(self.joint.prediction, self.joint.noise) if adjoint else self.joint
-        end = descend(joint, start.values if adjoint else start)
+        joint, end = self.joint, descend(self.joint, self.end.only([0]))
+        if joint.adjoint:  # its gradient is exact, but for errors the whole matrix must be
+            joint = Likelihood(joint.prediction, joint.noise)
+            end = replace(end, gram=joint.gram(end.values))
         iterations = self.iterations + end.iterations
         return replace(self, joint=joint, end=end, iterations=iterations, is_refined=True)
 
@@ -379,7 +380,7 @@ def descend(joint: Likelihood, starts: FloatArray | Minima, tolerance: float = 1
     Along a flat valley the search creeps; where it got is then good enough if the tolerance of
     what is compared is met.
     """
-    end = minimise(joint.gram, starts, joint, tolerance=tolerance)
+    end = minimise(joint.gram, starts, joint, tolerance=tolerance, merge=True)
     if end.converged[0]:
         return end
     tolerance = max(tolerance, COMPARED_TOLERANCE)

@@ -3,8 +3,9 @@
 The search may have come upon other local optima that are nearly as high.  Where the optimum lies
 at a bound, the likelihood is far from a parabola and often has another optimum inside the bounds:
 a slow neuromuscular system with a short delay resembles a fast one with a long delay.  So each
-parameter at a bound is fixed at usual values, and the others are fitted.  Whatever is as likely as
-the ends of an interval belongs into the intervals, and a usual neuromuscular system in place of an
+parameter at a bound is fixed at usual values, and the others are fitted: those of a neuromuscular
+system together (`over_systems`), others one by one (`off_bounds`).  Whatever is as likely as the
+ends of an interval belongs into the intervals, and a usual neuromuscular system in place of an
 unusual one even where it is a little less likely.
 """
 
@@ -136,21 +137,23 @@ def off_bounds(optimum: Optimum) -> FloatArray:
     Parameters
     ----------
     optimum
-        The optimum; without a parameter at a bound there are none.
+        The optimum; without a parameter at a bound there are none.  Those of neuromuscular systems
+        are not among them, see `over_systems`.
     """
     joint, values = optimum.joint, optimum.values
     model = joint.prediction.model
-    at_bound = np.flatnonzero(is_at_bound(model, optimum.pilot))
+    at_bound = is_at_bound(model, optimum.pilot)
+    at_bound[model.indices_of(Neuromuscular)] = False
     (low, high), inside = model.usual, _inside(optimum)
     # What the lines show rests on no model of the remnant.
     remnant = values[joint.pilot_count :]
-    # The bounds give a held parameter its value in all starts.
-    starts = [inside, *(np.concatenate([pilot, remnant]) for pilot in optimum.lines_pilot)]
-    points = [
-        _ends(optimum, np.array(starts), Box.holding(joint, k, value)).values
-        for k in at_bound.tolist()
-        for value in (low[k], inside[k], high[k])
-    ]
+    starts = np.array([inside, *(np.concatenate([p, remnant]) for p in optimum.lines_pilot)])
+    points = []
+    for k in np.flatnonzero(at_bound).tolist():
+        ends = starts  # the bounds give a held parameter its value in all starts
+        for value in (inside[k], low[k], high[k]):
+            ends = _ends(optimum, ends, Box.holding(joint, k, value)).values
+            points.append(ends)
     return np.concatenate([np.zeros((0, len(values))), *points])
 
 
@@ -164,8 +167,9 @@ def _inside(optimum: Optimum) -> FloatArray:
 
 
 def _ends(optimum: Optimum, starts: FloatArray, space: Bounds, tolerance: float = 1e-5) -> Minima:
+    """Where starts end, best first, one of each optimum."""
     gram = optimum.search_problem.gram
-    return minimise(gram, starts, space, tolerance=tolerance, iterations=20)
+    return minimise(gram, starts, space, tolerance=tolerance, iterations=20, merge=True)
 
 
 def deviances(optimum: Optimum) -> FloatArray:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -252,13 +253,14 @@ class ProfileSearch:
         root_inside, root_outside = math.sqrt(max(cost - self.lowest, 0.0) / sought), math.inf
         distance = min(abs(reach), allowed)
         point = start
+        descend = partial(minimise, self.gram, tolerance=1e-5, iterations=20, merge=True)
         for _ in range(14 if distance else 0):
             fixed = Box.holding(self.box, which, origin + math.copysign(distance, reach))
-            end = minimise(self.gram, near[None], fixed, tolerance=1e-5)
+            end = descend(near[None], fixed)
+            if end.cost[0] > target and near is not point:
+                # The point that was given may lie in another valley.
+                end = descend(np.array([end.values[0], point]), fixed)
             share = (float(end.cost[0]) - self.lowest) / sought
-            if share > 1.0 and near is not point:
-                near = point  # the point that was given may lie in another valley
-                continue
             if share <= 1.0:
                 point, cost = end.values[0], float(end.cost[0])
                 inside, root_inside = distance, math.sqrt(max(share, 0.0))
@@ -298,16 +300,22 @@ class ProfileSearch:
         costs = self.gram(others)[:, -1, -1]
         self.points.extend(others)
         self.costs.extend(costs.tolist())
+        order = np.argsort(costs, kind="stable")
         for k, side in np.argwhere(doubted).tolist():
-            end, level, starts = known[k, side], float(targets[k]), others[costs <= targets[k]]
-            if not len(starts) or not self.box.lower[k] < end < self.box.upper[k]:
+            end, level = known[k, side], float(targets[k])
+            if not self.box.lower[k] < end < self.box.upper[k]:
                 continue
             held = Box.holding(self.box, k, end)
-            there = minimise(self.gram, starts, held, tolerance=1e-4, iterations=20)
-            start, cost = there.values[0], float(there.cost[0])
             # What is nearly as high as the level is the end that was sought.
-            if cost - self.lowest < 0.8 * (level - self.lowest):
-                self.end(k, level, start, cost, farther(start, k, side, known[k]))
+            above = self.lowest + 0.8 * (level - self.lowest)
+            for start in others[order[costs[order] <= level]]:
+                there = minimise(
+                    self.gram, start[None], held, tolerance=1e-4, iterations=20, above=above
+                )
+                point, cost = there.values[0], float(there.cost[0])
+                if cost < above:
+                    self.end(k, level, point, cost, farther(point, k, side, known[k]))
+                    break
 
     def extended(self, known: FloatArray, targets: FloatArray) -> FloatArray:
         """Intervals (count, 2) that hold all points that suit, and what of those lies farther out.
@@ -422,16 +430,19 @@ def profile_intervals(
 
     blocked = _blocked(optimum_gram, best, lower, upper)
     error = _errors(optimum_gram[0], blocked[0], variance)[:count]
+    room = np.where(space.positive, 1.0, 0.25 * (upper - lower))
     # On the ridge of the quadratic approximation.
     points = np.repeat(best, 2 * count, axis=0)
     grams = np.repeat(optimum_gram, 2 * count, axis=0)
     longest = 1.5 * np.sqrt(sought) * error[which]
     ridge, _ = _step(grams, np.repeat(blocked, 2 * count, axis=0), which, side, longest, target)
-    points = np.clip(points + ridge, lower, upper)
+    points = np.clip(points + np.clip(ridge, -room, room), lower, upper)
     active = np.arange(2 * count)
     reached_end = np.zeros(2 * count, dtype=bool)
     search = ProfileSearch(inner, box, lowest, [best[0]], [lowest])
-    closest, least_off = points.copy(), np.full(2 * count, np.inf)
+    closest = points.copy()
+    # Nothing is near an end where the deviance is a hundred times that sought.
+    least_off = 100.0 * (target - lowest)
     for _ in range(8):
         grams = inner(points[active])
         grams[:, :-1, :-1] += minimum.curvature[0]
@@ -471,7 +482,6 @@ def profile_intervals(
             ends[i] = search.end(int(which[i]), float(target[i]), best[0], lowest, closest[i])
         known = np.sort(np.column_stack([ends.reshape(2, count).T, best[0, :count]]))[:, [0, -1]]
         # What is hardly known goes far, and may lead to another valley, which ends farther inside.
-        room = np.where(space.positive, 1.0, 0.25 * (upper - lower))
         room = np.where(np.arange(len(room)) == which[:, None], np.inf, room)
         is_far = (np.abs(points - best) > room).any(axis=1).reshape(2, count).T
         search.look_in_valleys(best, known, target[:count], is_far)

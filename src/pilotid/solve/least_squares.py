@@ -8,6 +8,7 @@ before.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -58,6 +59,7 @@ class LogTransform:
 # so large an array freed (mallopt(3), M_MMAP_THRESHOLD): 15 % of a fit of six runs.
 np.empty(4_000_000)
 
+PROMISE = 1.5  # by which decreases are larger than promised, at most, near an optimum
 BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor's cache
 
 #: Maps parameter sets (sets, p) to Gram matrices (sets, p + 1, p + 1), see `Problem.gram`.
@@ -238,6 +240,8 @@ def minimise(
     *,
     tolerance: float = 1e-9,
     iterations: int = 60,
+    above: float = math.inf,
+    merge: bool = False,
     sort: bool = True,
 ) -> Minima:
     """Minimise a sum of squares within bounds from every start, all at once.
@@ -257,6 +261,10 @@ def minimise(
         Stop when a step is predicted to lower the cost by less than this share.
     iterations
         Largest number of evaluations.
+    above
+        Cost above which an end is of no use: what promises no such end is given up.
+    merge
+        Whether a start is left out as soon as an optimum that another has come to tells its cost.
     sort
         Whether the best end comes first; they are in the order of the starts otherwise.
     """
@@ -278,13 +286,23 @@ def minimise(
         grams = inner_gram(values)
         curvature = np.zeros_like(grams[:, :-1, :-1])
     damping = np.full(len(values), 1e-3)  # in shares of the diagonal of the Hessian
-    converged = np.zeros(len(values), dtype=bool)
+    converged, alone = np.zeros(len(values), dtype=bool), np.ones(len(values), dtype=bool)
     going, count = np.arange(len(values)), 1
     while going.size and count < iterations:
         was, old, learned = values[going], grams[going], curvature[going]
         scaled, undamped, promised = _step(old, learned, was, damping[going], lower, upper)
-        if (done := promised <= tolerance * old[:, -1, -1]).any():
-            converged[going[done]] = True
+        cost = old[:, -1, -1]
+        done = promised <= tolerance * cost
+        converged[going[done]] = True
+        # Far from the optimum what is promised says little.
+        done |= (cost < 1.02 * above) & (cost - PROMISE * promised > above)
+        if merge and converged.any():
+            lead = min(np.flatnonzero(converged), key=lambda k: grams[k, -1, -1])
+            away, excess = was - values[lead], cost - grams[lead, -1, -1]
+            told = np.vecdot(away @ grams[lead, :-1, :-1], away)
+            alone[going] = ~((excess > 0.5 * told) & (excess < 2.0 * told))
+            done |= ~alone[going]
+        if done.any():
             was, old, learned, scaled, undamped, promised = (
                 each[~done] for each in (was, old, learned, scaled, undamped, promised)
             )
@@ -319,7 +337,7 @@ def minimise(
         converged[stuck] = np.isfinite(grams[stuck, -1, -1])
         going = going[damping[going] <= 1e7]
     values = np.clip(scale.leave(values), space.lower, space.upper)
-    ends = Minima(values, converged, scale.outer(grams, values), curvature, count)
+    ends = Minima(values, converged, scale.outer(grams, values), curvature, count).only(alone)
     return ends.best_first() if sort else ends
 
 
