@@ -13,7 +13,7 @@ from helpers import PILOTS
 
 from pilotid.checks.checks import remarks
 from pilotid.checks.detectors import band_end, findings
-from pilotid.checks.element_fit import SIGNALS, chosen_element
+from pilotid.checks.element_fit import chosen_element
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.method import identify
 from pilotid.methods import method_named
@@ -210,7 +210,7 @@ def test_a_fault_is_told_once_and_nothing_is_made_of_what_follows_from_it(
     (remark,) = remarks(recording)
     assert words in remark
     # No element is drawn from signals that are a fifth of a second apart.
-    assert what not in ("late", "early") or chosen_element(recording).origin != SIGNALS
+    assert what not in ("late", "early") or chosen_element(recording).origin != "identified"
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def test_the_command_writes_draws_summary_and_figures(run: Run, tmp_path: Path) 
     assert printed.status == 0, printed.err
     assert "bayes: converged" in printed.out
     assert "disturbance phase margin" in printed.out  # the element comes from the sidecar
-    assert "loops with the controlled element 4/s^2, named by the recording" in printed.out
+    assert "loops with the controlled element 4/s^2 (the file says)" in printed.out
     assert " ensembles of " in printed.out
     draws = np.load(out / "draws.npy")
     assert draws.dtype.names == (*SINGLE.keys, "frequency", "damping", "log_density")

@@ -357,7 +357,7 @@ def _answer(recording: Recording) -> Answered | None:
         return answered(spectra_of(recording), element)
     fits = fits_of(recording)
     best = simplest(fits) if fits else None
-    if best is None or best.explained < ELEMENT.sound:
+    if best is None or best.left > ELEMENT.sound:
         return None
     return Answered(float(best.values[-1]), math.sqrt(best.covariance[-1, -1]))
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.model.element import ControlledElement
+from pilotid.model.element import ControlledElement, element_named
 from pilotid.recording.recording import Recording, remembered
 from pilotid.solve.least_squares import Box, minimise, solve_linear
 from pilotid.support.types import ComplexArray, FloatArray, IntArray
@@ -39,19 +38,21 @@ class Form(NamedTuple):
         """Number of its parameters: b0 and on, a1 and on, and the delay."""
         return 2 + self.zeros + self.free
 
-    def polynomials(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Numerator and denominator, highest power first."""
+    def element(self, values: FloatArray) -> ControlledElement:
+        """The element that it is with numbers; it has no name."""
         begin = 1 + self.zeros
-        return values[:begin], np.array([1.0, *values[begin:-1], *np.zeros(self.integrators)])
+        bottom = (1.0, *values[begin:-1], *[0.0] * self.integrators)
+        return ControlledElement(tuple(values[:begin]), bottom, values[-1])
 
-    def name(self, values: FloatArray) -> str:
-        """Its text with numbers, which `element_named` reads; the delay is not negative."""
-        top, bottom = (_written(polynomial) for polynomial in self.polynomials(values))
-        late = f"exp(-{values[-1]:.6g}s)" if values[-1] else ""
-        return f"{top}{late}/{bottom}".removesuffix("/1")
+    def named(self, values: FloatArray) -> ControlledElement:
+        """The same with its text, six digits of each number, as its name."""
+        element = self.element(values)
+        top, bottom = _written(element.numerator), _written(element.denominator)
+        late = f"exp(-{element.delay:.6g}s)" if element.delay else ""
+        return element_named(f"{top}{late}/{bottom}".removesuffix("/1"))
 
 
-def _written(polynomial: FloatArray) -> str:
+def _written(polynomial: Sequence[float]) -> str:
     """A polynomial as users write it, in brackets if it is a sum."""
     powers = ("s^3", "s^2", "s", "")[-len(polynomial) :]
     terms = [f"{value:+.6g}{s}" for value, s in zip(polynomial, powers, strict=True) if value]
@@ -83,8 +84,7 @@ BIN_STEP = 2
 INDEPENDENT = BIN_STEP * (35.0 / 128.0) ** 2 / (6435.0 / 32768.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Spectra:
+class Spectra(NamedTuple):
     """Windowed spectra of an input v and an output x; runs and bins in one row.
 
     As no end of a run shows in the window, the spectrum of a derivative in it is the sum of the
@@ -119,32 +119,29 @@ class Spectra:
         turned = np.exp(-delay * s[:, 0]) @ self.given[:count]  # each as the first observation
         return np.asarray(turned * np.exp(-delay * (s[2] - s[2, 0])))
 
-    def rows(self, form: Form, values: FloatArray, divisor: float = 1.0) -> ComplexArray:
-        """Slopes of the output by a form's values, and below what is left, shape (size + 1, n).
+    def rows(self, element: ControlledElement, poles: slice, divisor: float = 1.0) -> ComplexArray:
+        """Slopes of the output by numbers of an element, and below what it leaves, shape (.., n).
 
-        With `divisor` 0 the denominator that the equation is divided by counts as held.
+        Parameters
+        ----------
+        element
+            Its order is `HIGHEST` at most.
+        poles
+            Powers of s in the denominator whose numbers are free, as are those of the numerator
+            and the delay.
+        divisor
+            With 0 the denominator that the equation is divided by counts as held.
         """
-        top, bottom = form.polynomials(values)
-        poles = slice(form.integrators, form.integrators + form.free)
-        powers, inputs = self.powers[: len(bottom), 2], self.inputs(len(top) + 1, values[-1])
-        below = bottom[::-1] @ powers
-        left = bottom[::-1] @ self.output[: len(bottom)] - top[::-1] @ inputs[:-1]
+        top, bottom = np.array(element.numerator[::-1]), np.array(element.denominator[::-1])
+        powers, inputs = self.powers[: len(bottom), 2], self.inputs(len(top) + 1, element.delay)
+        below = bottom @ powers
+        left = bottom @ self.output[: len(bottom)] - top @ inputs[:-1]
         by_pole = divisor * left / below * powers[poles] - self.output[poles]
-        by_delay = -top[::-1] @ inputs[1:]
-        return np.array([*inputs[-2::-1], *by_pole[::-1], by_delay, left]) / below
+        return np.array([*inputs[-2::-1], *by_pole[::-1], -top @ inputs[1:], left]) / below
 
-    def unexplained(self, element: ControlledElement) -> float:
-        """Largest share of the output's amplitude in a band that an element leaves.
-
-        It is infinite for an element of a higher order than the window allows.
-        """
-        zeros, poles = len(element.numerator) - 1, len(element.denominator) - 1
-        if poles > HIGHEST:
-            return math.inf
-        leading, *others = element.denominator
-        values = np.array([*element.numerator, *others, leading * element.delay]) / leading
-        left = self.rows(Form(0, poles, zeros), values)[-1]
-        return math.sqrt(float((power(left, self.fine) / self.size).max()))
+    def unexplained(self, left: ComplexArray) -> FloatArray:
+        """Share of the output's power that is left, in each fine band."""
+        return power(left, self.fine) / self.size
 
     def level(self, left: ComplexArray, exact: FloatArray | float = UNNOTICED**2) -> FloatArray:
         """Variance of the noise at each observation, with a share of power that counts as exact."""
@@ -156,8 +153,7 @@ def power(signal: ComplexArray, band: IntArray) -> FloatArray:
     return np.bincount(band, signal.real**2 + signal.imag**2) / np.bincount(band)
 
 
-@dataclass(frozen=True, eq=False)
-class FormFit:
+class FormFit(NamedTuple):
     """The best that a form can do.
 
     Attributes
@@ -170,9 +166,9 @@ class FormFit:
         Bayesian information criterion.
     unexplained
         Share of the output's power that is left, in each band.
-    explained
-        Share of the output's power that it explains [%], the median of the bands where loops cross
-        over.  Below, what u does between samples makes x drift.
+    left
+        Share of the output's amplitude that is left, the median of the bands where loops cross
+        over, and 1 at most.  Below, what u does between samples makes x drift.
     """
 
     form: Form
@@ -180,22 +176,35 @@ class FormFit:
     covariance: FloatArray
     criterion: float
     unexplained: FloatArray
-    explained: float
+    left: float
 
-    def response(self, omega: FloatArray) -> ComplexArray:
-        """Its frequency response at `omega` [rad/s], shape (n,)."""
-        top, bottom = (np.polyval(p, 1j * omega) for p in self.form.polynomials(self.values))
-        return np.asarray(top / bottom * np.exp(-1j * omega * self.values[-1]))
+    @property
+    def element(self) -> ControlledElement:
+        """The element that it is; its delay is negative where u is late."""
+        return self.form.element(self.values)
+
+    def rounded(self) -> ControlledElement:
+        """The element, each number as short as its error allows with the others held, and a name.
+
+        A negative delay is none: an offset between the recorder's channels, no part of the element.
+        """
+        held = 1.0 / np.sqrt(np.diag(np.linalg.inv(self.covariance)))
+        numbers = np.array([_short(*pair) for pair in zip(self.values, held, strict=True)])
+        numbers[-1] *= self.values[-1] > held[-1]
+        return self.form.named(numbers)
 
     def error_at(self, omega: FloatArray) -> FloatArray:
         """Relative standard error of the frequency response at `omega` [rad/s], shape (n,)."""
-        s, (integrators, free, zeros) = 1j * omega, self.form
-        top, bottom = (np.polyval(p, s) for p in self.form.polynomials(self.values))
-        by_top = [s**n / top for n in reversed(range(zeros + 1))]
-        by_bottom = [-(s ** (n + integrators)) / bottom for n in reversed(range(free))]
-        slopes = np.array([*by_top, *by_bottom, -s])
-        variance = np.einsum("in,ij,jn->n", slopes.conj(), self.covariance, slopes)
-        return np.asarray(np.sqrt(np.abs(variance)))
+        steps = np.linalg.cholesky(self.covariance).T
+        others = np.array([self.form.element(self.values + s).response(omega) for s in steps])
+        ratios = others / self.element.response(omega)
+        return np.asarray(np.linalg.norm(ratios - 1.0, axis=0))
+
+
+def _short(value: float, error: float) -> float:
+    """The shortest number within an error."""
+    every = (float(f"{value:.{digits}g}") for digits in range(1, 9))
+    return next((short for short in every if abs(short - value) <= error), value)
 
 
 def fitted_form(spectra: Spectra, form: Form) -> FormFit:
@@ -209,11 +218,12 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
     LinAlgError
         If the form's numbers are beyond measure: it is no form for the recording.
     """
+    poles = slice(form.integrators, form.integrators + form.free)
 
     def gram(sets: FloatArray, divisor: float = 1.0) -> FloatArray:
         grams = np.empty((len(sets), form.size + 1, form.size + 1))
         for values, products in zip(sets, grams, strict=True):
-            rows = spectra.rows(form, values, divisor)
+            rows = spectra.rows(form.element(values), poles, divisor)
             level = spectra.level(rows[-1]) if divisor else spectra.size[spectra.fine]
             table = (rows / np.sqrt(level)).view(float)
             products[:] = table @ table.T
@@ -225,8 +235,8 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
     # A delay may be negative, as u may be late.
     box = Box(np.append(-free, -0.3), np.append(free, 0.6), np.zeros(form.size, dtype=bool))
     delays = (-0.2, -0.1, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s
-    poles = np.atleast_1d(np.poly([-3.0] * form.free))[1:]
-    starts = np.array([[*np.zeros(1 + form.zeros), *poles, delay] for delay in delays])
+    first = np.atleast_1d(np.poly([-3.0] * form.free))[1:]
+    starts = np.array([[*np.zeros(1 + form.zeros), *first, delay] for delay in delays])
     for _ in range(3 if form.free else 1):  # the equation divided by the last denominator
         starts, _ = solve_linear(gram(starts, 0.0), starts, tuple(range(form.size - 1)), box.lower)
     count = INDEPENDENT * np.bincount(spectra.fine)  # independent observations in each band
@@ -234,20 +244,19 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
     # To .03 of -2 log-likelihood.
     best = minimise(gram, best, box, tolerance=0.03 / (2.0 * count.sum()), iterations=25)
     values = best.values[0]
-    *slopes, rest = spectra.rows(form, values)
-    unexplained = power(rest, spectra.fine) / spectra.size
+    *slopes, rest = spectra.rows(form.element(values), poles)
+    unexplained = spectra.unexplained(rest)
     # What counts as exact is no noise that averages out over a band: its error is one.  Noise in v,
     # such as fast remnant that sampling folds down, makes the response smaller by the share left.
     exact = UNNOTICED**2 + np.where(unexplained > 0.05, unexplained, 0.0) ** 2
     table = (slopes / np.sqrt(spectra.level(rest, exact * count))).view(float)
     covariance = np.linalg.inv(table @ table.T) / (2.0 * INDEPENDENT)
+    np.linalg.cholesky(covariance)  # which fails where a number is not finite
     criterion = 2.0 * count.sum() * math.log(best.cost[0]) + form.size * math.log(2.0 * count.sum())
-    if not (np.isfinite([criterion, *values]).all() and (np.diag(covariance) > 0.0).all()):
-        raise np.linalg.LinAlgError
     omega = spectra.powers[1, 2].imag
-    crossing = np.unique(spectra.fine[(omega >= OMEGA[0]) & (omega <= max(OMEGA[-1], omega.min()))])
-    explained = 100.0 * max(0.0, 1.0 - float(np.median(unexplained[crossing])))
-    return FormFit(form, values, covariance, criterion, unexplained, explained)
+    crossing = np.unique(spectra.fine[(omega >= OMEGA[0]) & (omega <= OMEGA[-1])])
+    left = math.sqrt(min(1.0, float(np.median(unexplained[crossing]))))
+    return FormFit(form, values, covariance, criterion, unexplained, left)
 
 
 @remembered
@@ -256,8 +265,7 @@ def spectra_of(recording: Recording) -> Spectra:
     signals = [recording.window(signal) for signal in (drive_of(recording), recording.x)]
     base = 2.0 * np.pi / recording.duration
     # Pilots leave next to nothing above 25 rad/s, and a constant offset reaches the first bins.
-    last = min(int(25.0 / base), int(0.4 * recording.samples))
-    bins = np.arange(3, last + 1, BIN_STEP) + np.arange(-2, 3)[:, None]
+    bins = np.arange(3, int(25.0 / base) + 1, BIN_STEP) + np.arange(-2, 3)[:, None]
     powers = (1j * base * np.tile(bins, recording.runs)) ** np.arange(HIGHEST + 2)[:, None, None]
     unit = float(np.std(signals[1])) or 1.0  # of x, so that none is too large or too small
     given, summands = (
@@ -282,13 +290,13 @@ def _bands(omega: FloatArray, fewest: float) -> IntArray:
 def simplest(fits: Sequence[FormFit]) -> FormFit:
     """Of the fits that nobody would tell from the best, the one with the fewest parameters.
 
-    Their responses differ by no more than .5 %, or than the share of x that is left (the median of
-    bands), up to 3 %: the criterion finds in drift of x poles and zeros that nearly cancel.
+    Their responses differ by no more than .5 %, or than the share of x that is left where loops
+    cross over, up to 3 %: the criterion finds in drift of x poles and zeros that nearly cancel.
     """
     best = min(fits, key=lambda f: f.criterion)
-    near = max(UNNOTICED, min(0.03, math.sqrt(float(np.median(best.unexplained)))))
-    wanted = best.response(ALIKE)
-    alike = [f for f in fits if np.all(np.abs(f.response(ALIKE) - wanted) <= near * np.abs(wanted))]
+    near = max(UNNOTICED, min(0.03, best.left))
+    wanted = best.element.response(ALIKE)
+    alike = [f for f in fits if np.all(np.abs(f.element.response(ALIKE) / wanted - 1.0) <= near)]
     return min(alike, key=lambda f: (len(f.values), f.criterion))
 
 

@@ -125,6 +125,8 @@ def transfer_function(text: str) -> ControlledElement:
     ratio = _evaluate(_parse(source))
     if not ratio.top.any():
         raise ValueError("it is zero")
+    if ratio.delay < 0.0:
+        raise ValueError("its delay is negative: write exp(-0.1s) for one of 0.1 s")
     name = re.sub(r"\s", "", text.rpartition("=")[2])
     top, bottom = tuple(ratio.top.tolist()), tuple(ratio.bottom.tolist())
     return ControlledElement(top, bottom, ratio.delay, name)
@@ -182,7 +184,7 @@ class ControlledElement:
     numerator, denominator
         Polynomial coefficients, highest power of s first.
     delay
-        Pure time delay [s].
+        Pure time delay [s]; negative for an element fitted to a control that is late.
     name
         As printed in reports.
     """
@@ -195,8 +197,6 @@ class ControlledElement:
     def __post_init__(self) -> None:
         if len(self.numerator) > len(self.denominator) or self.denominator[0] == 0.0:
             raise ValueError("it has more zeros than poles, or a zero for the highest power of s")
-        if self.delay < 0.0:
-            raise ValueError("its delay is negative: write exp(-0.1s) for one of 0.1 s")
 
     def response(self, omega: FloatArray) -> ComplexArray:
         """Frequency response at `omega` [rad/s], shape (n,)."""

@@ -91,7 +91,7 @@ class Checked:
             "understood": {
                 **self.understood,
                 "recorder": [asdict(fault) for fault in findings(self.recording)],
-                "element": _element(self.element),
+                "element": self.element.words,
             },
             **remarks_json(self.remarks),
         }
@@ -102,7 +102,7 @@ class Checked:
         titles = ("signal", "what it is", "from", "unit", "rms", "smallest", "largest")
         rows = [tuple(signal.values()) for signal in facts["signals"]]
         signals = table(rows, "", titles, dict.fromkeys(titles[4:], "{:.4g}".format))
-        lines = [*_lines(facts), f"controlled element: {_element(self.element)}"]
+        lines = [*_lines(facts), f"controlled element: {self.element.words}"]
         lines += [f"recorder: {f.sentence}" for f in findings(self.recording) if f.grade == "note"]
         return [
             Line(self.recording.description, "heading"),
@@ -196,14 +196,6 @@ def summary_of(every: Sequence[Checked]) -> str:
     kinds = sorted(counts.items(), key=lambda kind: GRADES.index(kind[0][1]))
     told = ", ".join(f"{code} ({grade}) {count}" for (code, grade), count in kinds)
     return f"{words}: {told}" if told else words
-
-
-def _element(choice: ElementChoice) -> str:
-    """The controlled element and how it is known; why not, if it is not."""
-    if choice.element is None:
-        return choice.why
-    how = {"given": "given", "recording": "the file says", "identified": "from the signals"}
-    return f"{choice.element.name} ({how.get(choice.origin, choice.origin)})"
 
 
 def _lines(facts: dict[str, Any]) -> list[str]:

@@ -73,7 +73,7 @@ def tables_of(fit: Fitted) -> dict[str, Any]:
         ],
         "tables": quantity_tables([(e.method, e.quantities) for e in known]),
         "held": fit.model.held_words,
-        "element": choice.words if loops else choice.why,
+        "element": f"loops with the controlled element {choice.words}" if loops else choice.why,
         "loops": quantity_tables(tabled, "loop"),
         "loop_notes": [f"{method}: {note}" for method, loop in loops for note in loop.notes],
     }

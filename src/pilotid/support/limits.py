@@ -85,7 +85,7 @@ class ElementLimits(NamedTuple):
     flat: float = 0.15  # relative, by which the response of an element that is a gain differs
     stands_out: float = 3.0  # times the noise from which a line tells the element's angle
     late: float = 0.1  # s by which signals are apart from which their element is not believed
-    sound: float = 98.0  # share of x [%], explained by an element whose delay tells lateness
+    sound: float = 0.14  # share of x's amplitude left by an element whose delay tells lateness
     #: Where loops cross over: relative error of an element's response, and share of x's amplitude
     #: left (.06; faults .12), up to which loops are drawn with it unasked.
     known: float = 0.1
