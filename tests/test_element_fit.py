@@ -158,7 +158,7 @@ def test_claimed_errors_hold_where_noise_is_what_limits() -> None:
         noise = 0.3 * x.std() * np.random.default_rng(seed).standard_normal(x.shape)
         fit = fitted_form(spectra_of(Recording(dt=DT, e=-x, u=u, x=x + noise)), form)
         values.append(fit.values)
-        errors.append(np.sqrt(np.diag(fit.covariance)))
+        errors.append(np.linalg.norm(fit.steps, axis=0))
     scatter, claimed = np.std(values, axis=0, ddof=1), np.mean(errors, axis=0)
     # The scatter is known to a tenth; the claim includes what counts as exact.
     assert np.all(claimed > 0.75 * scatter), claimed / scatter
@@ -217,26 +217,27 @@ def test_no_unit_is_too_large_or_too_small(control: float, output: float) -> Non
 def test_numbers_are_rounded_to_their_errors() -> None:
     values = np.array([67.8734, 5.4291, -0.004])
     covariance = np.array([[0.01, 0.0009, 0.0], [0.0009, 0.0001, 0.0], [0.0, 0.0, 1e-8]])
-    fit = FormFit(Form(1, 1), values, covariance, 0.0, np.zeros(1), 0.0)
+    steps = np.linalg.cholesky(covariance).T
+    fit = FormFit(Form(1, 1), values, steps, 0.0, np.zeros(1), 0.0)
     # With the other held, K is known to .044 and a to .0044; the delay is an offset of channels.
     assert fit.rounded() == element_named("67.9/(s^2+5.43s)")
-    gain = fit._replace(form=Form(0), values=np.array([2973.0, 0.0]))
-    rough = gain._replace(covariance=np.diag([86.0**2, 1e-8]))
+    rough = FormFit(Form(0), np.array([2973.0, 0.0]), np.diag([86.0, 1e-4]), *fit[3:])
     assert rough.rounded() == element_named("3000")
 
 
 @pytest.mark.parametrize("form", FORMS, ids=str)
 def test_a_form_is_the_element_of_its_name_and_tells_its_error(form: Form) -> None:
     values = np.random.default_rng(3).uniform(1.0, 4.0, form.size).round(4)
-    element, of_form = form.named(values), form.element(values)
+    known = FormFit(form, values, 1e-30 * np.eye(form.size), 0.0, np.zeros(1), 0.0)
+    element = known.rounded()
     assert element.delay == values[-1]
-    np.testing.assert_allclose(of_form.response(WIDE), element.response(WIDE), rtol=1e-12)
+    np.testing.assert_allclose(known.element.response(WIDE), element.response(WIDE), rtol=1e-12)
     # A gain alone that is uncertain makes the response as uncertain.
     gain = np.where(np.arange(form.size) <= form.zeros, values, 0.0)
-    covariance = 0.01**2 * np.outer(gain, gain) + 1e-16 * np.eye(form.size)
-    fit = FormFit(form, values, covariance, 0.0, np.zeros(1), 0.0)
+    fit = known._replace(steps=0.01 * gain[None])
     np.testing.assert_allclose(fit.error_at(OMEGA), 0.01, rtol=1e-5)
-    covariance[-1, -1] = 0.02**2  # a delay turns by omega times its error
+    # A delay turns by omega times its error.
+    fit = fit._replace(steps=np.array([0.01 * gain, 0.02 * (np.arange(form.size) > form.size - 2)]))
     expected = np.hypot(0.01, 0.02 * OMEGA)
     np.testing.assert_allclose(fit.error_at(OMEGA), expected, rtol=1e-2)
 
@@ -251,7 +252,8 @@ def test_a_form_is_the_element_of_its_name_and_tells_its_error(form: Form) -> No
     ],
 )
 def test_the_name_of_a_form_is_short(form: Form, values: tuple[float, ...], name: str) -> None:
-    assert form.named(np.array(values)).name == name
+    fit = FormFit(form, np.array(values), 1e-30 * np.eye(form.size), 0.0, np.zeros(1), 0.0)
+    assert fit.rounded().name == name
 
 
 # ------------------------------------------------------------------ against the one given

@@ -359,7 +359,7 @@ def _answer(recording: Recording) -> Answered | None:
     best = simplest(fits) if fits else None
     if best is None or best.left > ELEMENT.sound:
         return None
-    return Answered(float(best.values[-1]), math.sqrt(best.covariance[-1, -1]))
+    return Answered(float(best.values[-1]), float(np.linalg.norm(best.steps[:, -1])))
 
 
 def _bands(samples: int, dt: float) -> tuple[tuple[int, int], ...]:

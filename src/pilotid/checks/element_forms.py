@@ -44,13 +44,6 @@ class Form(NamedTuple):
         bottom = (1.0, *values[begin:-1], *[0.0] * self.integrators)
         return ControlledElement(tuple(values[:begin]), bottom, values[-1])
 
-    def named(self, values: FloatArray) -> ControlledElement:
-        """The same with its text, six digits of each number, as its name."""
-        element = self.element(values)
-        top, bottom = _written(element.numerator), _written(element.denominator)
-        late = f"exp(-{element.delay:.6g}s)" if element.delay else ""
-        return element_named(f"{top}{late}/{bottom}".removesuffix("/1"))
-
 
 def _written(polynomial: Sequence[float]) -> str:
     """A polynomial as users write it, in brackets if it is a sum."""
@@ -160,8 +153,9 @@ class FormFit(NamedTuple):
     ----------
     form, values
         Parameters in the order of `Form`.
-    covariance
-        Of the values.
+    steps
+        Independent errors of the values, one a row, one standard error each: their covariance is
+        ``steps.T @ steps``.
     criterion
         Bayesian information criterion.
     unexplained
@@ -173,7 +167,7 @@ class FormFit(NamedTuple):
 
     form: Form
     values: FloatArray
-    covariance: FloatArray
+    steps: FloatArray
     criterion: float
     unexplained: FloatArray
     left: float
@@ -184,20 +178,23 @@ class FormFit(NamedTuple):
         return self.form.element(self.values)
 
     def rounded(self) -> ControlledElement:
-        """The element, each number as short as its error allows with the others held, and a name.
+        """The element, each number as short as its error allows with the others held.
 
-        A negative delay is none: an offset between the recorder's channels, no part of the element.
+        Its name is its text, with six digits of each number at most.  A negative delay is none: an
+        offset between the recorder's channels, no part of the element.
         """
-        held = 1.0 / np.sqrt(np.diag(np.linalg.inv(self.covariance)))
+        held = 1.0 / np.linalg.norm(np.linalg.inv(self.steps), axis=1)
         numbers = np.array([_short(*pair) for pair in zip(self.values, held, strict=True)])
         numbers[-1] *= self.values[-1] > held[-1]
-        return self.form.named(numbers)
+        element = self.form.element(numbers)
+        top, bottom = _written(element.numerator), _written(element.denominator)
+        late = f"exp(-{element.delay:.6g}s)" if element.delay else ""
+        return element_named(f"{top}{late}/{bottom}".removesuffix("/1"))
 
     def error_at(self, omega: FloatArray) -> FloatArray:
         """Relative standard error of the frequency response at `omega` [rad/s], shape (n,)."""
-        steps = np.linalg.cholesky(self.covariance).T
-        others = np.array([self.form.element(self.values + s).response(omega) for s in steps])
-        ratios = others / self.element.response(omega)
+        others = [self.form.element(self.values + step).response(omega) for step in self.steps]
+        ratios = np.array(others) / self.element.response(omega)
         return np.asarray(np.linalg.norm(ratios - 1.0, axis=0))
 
 
@@ -250,13 +247,13 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
     # such as fast remnant that sampling folds down, makes the response smaller by the share left.
     exact = UNNOTICED**2 + np.where(unexplained > 0.05, unexplained, 0.0) ** 2
     table = (slopes / np.sqrt(spectra.level(rest, exact * count))).view(float)
-    covariance = np.linalg.inv(table @ table.T) / (2.0 * INDEPENDENT)
-    np.linalg.cholesky(covariance)  # which fails where a number is not finite
+    # Cholesky's factor is refused where a number is not finite.
+    steps = np.linalg.inv(np.linalg.cholesky(2.0 * INDEPENDENT * table @ table.T))
     criterion = 2.0 * count.sum() * math.log(best.cost[0]) + form.size * math.log(2.0 * count.sum())
     omega = spectra.powers[1, 2].imag
     crossing = np.unique(spectra.fine[(omega >= OMEGA[0]) & (omega <= OMEGA[-1])])
     left = math.sqrt(min(1.0, float(np.median(unexplained[crossing]))))
-    return FormFit(form, values, covariance, criterion, unexplained, left)
+    return FormFit(form, values, steps, criterion, unexplained, left)
 
 
 @remembered
