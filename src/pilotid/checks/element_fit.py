@@ -72,9 +72,11 @@ def identified_element(recording: Recording) -> ElementChoice:
     if not np.ptp(recording.window(recording.x), axis=1).any():
         is_there = "x" in recording.signals
         return ElementChoice(why=f"x {'does not move' if is_there else 'was not recorded'}")
-    fits = [fit for fit in fits_of(recording) if _is_steerable(fit.element)]
+    every = fits_of(recording)
+    fits = [fit for fit in every if _is_steerable(fit.element)]
     if not fits:
-        return ElementChoice(why="no form of element suits control and output")
+        left = min((fit.left for fit in every), default=0.0)
+        return ElementChoice(why="no form of element suits control and output", left=left)
     chosen = simplest(fits)
     # Drift of x makes slow unstable poles, which explain no more where loops cross over.
     near = [f for f in fits if f.form.size <= chosen.form.size and f.left <= 1.225 * chosen.left]
@@ -107,19 +109,26 @@ def _against(element: ControlledElement, fit: FormFit, is_forced: bool) -> str:
     missing = "perhaps another" if is_forced else "most often a"
     early, error = -fit.element.delay, float(fit.error_at(OMEGA).max())
     last = np.trim_zeros(np.array(element.denominator))[-1]
-    sentences = {
-        "control and output follow no one controlled element of low order: the best, "
-        f"{element.name}, leaves about {100.0 * fit.left:.0f} % of the amplitude of x; "
-        f"{missing} disturbance was not recorded, or the element changes within a run, a signal is "
-        "late, or a name, a unit or a sign is wrong": fit.left > ELEMENT.unexplained,
-        f"x seems to answer {1e3 * early:.0f} ms before u moves, as {element.name} would: "
-        "u is late, or has noise in it that did not reach the element": early > ELEMENT.late,
-        f"control and output tell the controlled element, {element.name}, to within "
-        f"{100.0 * error:.0f} % only where loops cross over": error > ELEMENT.known,
-        f"control and output follow {element.name}, whose gain is negative: u or x "
-        "seems to have the wrong sign": max(element.numerator[0], element.numerator[-1] * last) < 0,
-    }
-    return next((sentence for sentence, holds in sentences.items() if holds), "")
+    if fit.left > ELEMENT.unexplained:
+        return (
+            "control and output follow no one controlled element of low order: the best, "
+            f"{element.name}, leaves about {100.0 * fit.left:.0f} % of the amplitude of x; "
+            f"{missing} disturbance was not recorded, or the element changes within a run, a "
+            "signal is late, or a name, a unit or a sign is wrong"
+        )
+    if early > ELEMENT.late:
+        return (
+            f"x seems to answer {1e3 * early:.0f} ms before u moves, as {element.name} would: "
+            "u is late, or has noise in it that did not reach the element"
+        )
+    if error > ELEMENT.known:
+        return (
+            f"control and output tell the controlled element, {element.name}, to within "
+            f"{100.0 * error:.0f} % only where loops cross over"
+        )
+    is_negative = max(element.numerator[0], element.numerator[-1] * last) < 0.0
+    end = "whose gain is negative: u or x seems to have the wrong sign"
+    return f"control and output follow {element.name}, {end}" if is_negative else ""
 
 
 @remembered
