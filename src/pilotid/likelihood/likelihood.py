@@ -212,8 +212,8 @@ class Likelihood(Problem):
         parts = prediction.parts(prediction.model.responses_of(evaluated))
         residual = prediction.control_spectrum - reduce(np.add, parts)[0]
         taps, slopes = self.taps(values[None])
-        filters = prediction.filter_response(np.concatenate([slopes[0], taps]))
-        errors = plain = prediction.without_nuisance(prediction.samples_of(filters[-1] * residual))
+        whitener = prediction.filter_response(taps[0])
+        errors = plain = prediction.without_nuisance(prediction.samples_of(whitener * residual))
         if self.band_terms is not None:
             errors = prediction.without_nuisance(self.band_terms.filtered(errors))
         padded = np.zeros((prediction.runs, length))
@@ -223,9 +223,10 @@ class Likelihood(Problem):
         counted[[0] if length % 2 else [0, -1]] = 1.0 / length
         # What times a transform, summed over bins, is the product of its samples with the errors.
         adjoint = np.fft.rfft(padded).conj() * counted
-        by_pilot, filtered = np.zeros(self.pilot_count), filters[-1] * adjoint
+        by_pilot, filtered = np.zeros(self.pilot_count), whitener * adjoint
         along = [np.sum(part[0] * filtered, axis=0) for part in parts]
         for index, slope, total in prediction.slopes(evaluated, along):
             by_pilot[index] += np.sum(slope * total).real
-        by_remnant = -(filters[:-1] @ np.sum(residual * adjoint, axis=0)).real
+        by_lag = prediction.shifts(taps.shape[-1]) @ np.sum(residual * adjoint, axis=0)
+        by_remnant = -slopes[0] @ by_lag.real
         return np.concatenate([by_pilot, by_remnant, [np.vdot(plain, errors)]])

@@ -252,7 +252,7 @@ class ProfileSearch:
         # The root of the deviance, as a share of that sought, grows about in proportion.
         root_inside, root_outside = math.sqrt(max(cost - self.lowest, 0.0) / sought), math.inf
         distance = min(abs(reach), allowed)
-        point = start
+        point, beyond = start, start
         descend = partial(minimise, self.gram, tolerance=1e-5, iterations=20, merge=True)
         for _ in range(14 if distance else 0):
             fixed = Box.holding(self.box, which, origin + math.copysign(distance, reach))
@@ -267,7 +267,7 @@ class ProfileSearch:
                 if share < 0.0 or distance >= allowed or root_inside > 1.0 - close:
                     break
             else:
-                outside, root_outside = distance, math.sqrt(share)
+                outside, root_outside, beyond = distance, math.sqrt(share), end.values[0]
             near = point
             if math.isinf(outside):
                 longer = distance / max(root_inside, 1.0 / 3.0) if inside else 2.0 * distance
@@ -276,7 +276,10 @@ class ProfileSearch:
             if outside - inside < close * outside:
                 break
             rise = (1.0 - root_inside) / (root_outside - root_inside) if root_outside < 3.0 else 0.5
-            distance = inside + (outside - inside) * min(max(rise, 0.1), 0.9)
+            rise = min(max(rise, 0.1), 0.9)
+            distance = inside + (outside - inside) * rise
+            if root_outside < 3.0:
+                near = point + rise * (beyond - point)
         self.points.append(point)
         self.costs.append(cost)
         return float(point[which])
@@ -284,14 +287,15 @@ class ProfileSearch:
     def look_in_valleys(
         self, others: FloatArray, known: FloatArray, targets: FloatArray, doubted: BoolArray
     ) -> None:
-        """Come upon ends that lie farther out in other valleys than where they were sought.
+        """Go to ends that lie farther out in other valleys than where they were sought.
 
         Parameters
         ----------
         others
             Points of other valleys, shape (points, parameters).
         known, targets
-            The intervals, shape (count, 2), and the cost of the ends of each, shape (count,).
+            The intervals, shape (count, 2), which are made longer, and the cost of the ends of
+            each, shape (count,).
         doubted
             Which ends may lie farther out, shape (count, 2).
         """
@@ -314,7 +318,8 @@ class ProfileSearch:
                 )
                 point, cost = there.values[0], float(there.cost[0])
                 if cost < above:
-                    self.end(k, level, point, cost, farther(point, k, side, known[k]))
+                    near = farther(point, k, side, known[k])
+                    known[k, side] = self.end(k, level, point, cost, near)
                     break
 
     def extended(self, known: FloatArray, targets: FloatArray) -> FloatArray:
