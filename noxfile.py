@@ -65,7 +65,7 @@ def compare(session: nox.Session) -> None:
 
 @nox.session
 def bench(session: nox.Session) -> None:
-    """Time the methods; `-- --compare` says what is slower, `-- --method F.py:X` times yours."""
+    """Time the methods; `-- --method F.py:X` times yours as well."""
     session.install("-e", ".", *groups("tests"))
     session.run("pytest", "tests/benchmarks", *session.posargs, env={"OMP_NUM_THREADS": "1"})
 

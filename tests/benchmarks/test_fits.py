@@ -14,7 +14,6 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from scipy.optimize import least_squares
 
 from pilotid import load_recording
-from pilotid.datasets import scenario_named, simulate
 from pilotid.estimate.method import identify
 from pilotid.methods import method_named
 from pilotid.methods.bayes import Bayes
@@ -121,9 +120,3 @@ def test_posterior(benchmark: BenchmarkFixture) -> None:
     estimate = benchmark.pedantic(identify, fit, rounds=5)
     assert estimate.draws is not None
     assert estimate.draws.converged
-
-
-def test_simulation(benchmark: BenchmarkFixture) -> None:
-    benchmark.group = "simulation of 4096 samples"
-    scenario, rng = scenario_named("nominal"), np.random.default_rng(1)
-    assert benchmark(lambda: simulate(scenario, rng)).u.shape[0] == 1

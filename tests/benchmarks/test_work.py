@@ -1,4 +1,4 @@
-"""What users wait for beside a fit: starting, files, designs, studies, analyses."""
+"""What users wait for beside a fit: starting, files, studies, analyses."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from cases import recorded
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from pilotid import Study, load_recording, save_recording
-from pilotid.datasets import scenario_named
-from pilotid.datasets.design import design
 from pilotid.recording.recording import Recording
 
 PROGRAM = "from pilotid.cli.main import main; main()"
@@ -37,33 +35,15 @@ def test_import(benchmark: BenchmarkFixture, what: str) -> None:
     benchmark.pedantic(run, ("-c", what), rounds=5, warmup_rounds=1)
 
 
-def test_reading_csv(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
-    benchmark.group = "reading"
-    data = recorded("nominal(runs=5)")
-    file = tmp_path / "recording.csv"
-    save_recording(data, file)
-    benchmark.extra_info["megabytes"] = round(file.stat().st_size / 1e6, 1)
-    assert benchmark(lambda: load_recording(file)).runs == 5
-
-
 def test_reading_a_large_csv(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
     benchmark.group = "reading"
-    rng = np.random.default_rng(1)
-    row = 67.0  # bytes, about
-    samples = int(CSV_MEGABYTES * 1e6 / row)
-    noise = rng.normal(size=(3, 1, samples))
-    long = Recording(dt=0.01, e=noise[0], u=noise[1], x=noise[2], run_in=0)
+    samples = int(CSV_MEGABYTES * 1e6 / 67.0)  # bytes of a row, about
+    e, u, x = np.random.default_rng(1).normal(size=(3, 1, samples))
+    long = Recording(dt=0.01, e=e, u=u, x=x, run_in=0)
     file = tmp_path / "large.csv"
     save_recording(long, file)
     benchmark.extra_info["megabytes"] = round(file.stat().st_size / 1e6, 1)
     assert benchmark.pedantic(load_recording, (file,), rounds=1).samples == samples
-
-
-def test_design(benchmark: BenchmarkFixture) -> None:
-    benchmark.group = "design"
-    given = (scenario_named("nominal"),)
-    made = benchmark.pedantic(design, given, {"limits": {"e": 1.5, "u": 1.5}}, rounds=3)
-    assert len(made.errors)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
