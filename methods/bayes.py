@@ -101,7 +101,7 @@ class Bayes(LikelihoodSettings):
         white = self.likelihood == "white"
         settings = replace(self, noise=LowPass(0), loop=False) if white else self
         optimum = maximise_likelihood(recording, model, rng, settings)
-        if not optimum.is_credible:  # nobody wants draws about what is no pilot
+        if optimum.rank == 0:  # nobody wants draws about what is no pilot
             return failed(self.name, model, Outcome.CONTRADICTED, NO_PILOT)
         joint = optimum.joint
         priors = priors_of(model, joint.noise, self.priors, self.prior)

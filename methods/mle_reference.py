@@ -78,7 +78,7 @@ class MLEReference(LikelihoodSettings):
             Draws the other starts.
         """
         optimum = maximise_likelihood(recording, model, rng, self)
-        instead = () if optimum.is_credible else optimum.lines_pilot
+        instead = optimum.lines_pilot if optimum.rank == 0 else ()
         values = next(iter(instead), optimum.pilot)[None]
         element = stabilised_element(recording, model, values[0])
         if element is None:

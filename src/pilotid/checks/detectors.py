@@ -389,8 +389,10 @@ def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int]:
         size = np.minimum(size, np.quantile(size, 0.99)).mean(axis=0)
         for step in range(2, min(largest, size.size // 40) + 1):
             whole = size.size // step * step
-            score, share = _of_phases(size[:whole].reshape(-1, step).mean(axis=0))
-            scores.append((share, -order, -step, score))
+            phases = np.add.reduce(size[:whole].reshape(-1, step)) * (step / whole)
+            if 3.0 * np.minimum.reduce(phases) < np.add.reduce(phases) / step:  # or none is small
+                score, share = _of_phases(phases)
+                scores.append((share, -order, -step, score))
     share, order, step, score = max(scores, default=(0.0, 0, 0, 0.0))
     if not share:
         return 0.0, 0

@@ -225,7 +225,7 @@ def with_verdict(
         What is said besides, see `fit_remarks`.
     """
     tested = None
-    if not optimum.is_credible:
+    if optimum.rank == 0:
         estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=NO_PILOT)
         remarks = (Remark("misspecified", f"{NO_PILOT}; the values mean nothing"), *remarks)
     elif covariance is not None:

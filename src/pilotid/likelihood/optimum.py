@@ -35,6 +35,8 @@ USUAL_VAF_RATIO = 0.7
 HIDDEN = 0.5
 #: Statistics: squared distance of ends in standard errors below which they are one.
 SAME_OPTIMUM_DISTANCE = 4.0
+#: Statistics: deviance up to which a likelihood may be told by its curvature.
+NEAR_DEVIANCE = 20.0
 #: Numerics: relative decrease that ends fits that are compared, and searches that creep along a
 #: flat valley.
 COMPARED_TOLERANCE = 1e-6
@@ -210,14 +212,17 @@ class Optimum:
         """Whether a pilot, shape (parameters,), differs by no more than its errors."""
         return self.end.apart(pilot, self.joint.residuals) <= SAME_OPTIMUM_DISTANCE
 
-    @property
-    def is_credible(self) -> bool:
-        """Whether it can be a pilot, as it is simulated or in its loop."""
-        return self.rank > 0
+    def tells(self, pilot: FloatArray) -> bool:
+        """Whether its curvature tells what a pilot, (parameters,), costs: it is in its valley."""
+        there, residuals = np.append(pilot, self.values[len(pilot) :]), self.joint.residuals
+        ratio = float(self.joint.gram(there[None])[0, -1, -1] / self.end.cost[0])
+        told = self.end.apart(pilot, residuals)
+        # Far away the two may agree by chance.
+        return told < NEAR_DEVIANCE and 0.5 * told <= residuals * (ratio - 1.0) <= 2.0 * told
 
     @cached_property
     def rank(self) -> int:
-        """See `PilotCheck.ranks`; 2 where that was not asked."""
+        """See `PilotCheck.ranks`; 2 where that was not asked, and 0 where it can be no pilot."""
         return 2 if self.check is None else int(self.check.ranks(self.pilot[None])[0])
 
     @property

@@ -51,7 +51,7 @@ def profile_likelihood(optimum: Optimum) -> tuple[Optimum, Profile | None]:
     The best optimum, and the profile about it; None where the remnant has no shape, and of what is
     no pilot, whose ridges take long.
     """
-    profile = profile_about(optimum) if optimum.is_credible else None
+    profile = profile_about(optimum) if optimum.rank > 0 else None
     for _ in range(3):
         if profile is None or profile.better is None:
             break
@@ -115,9 +115,8 @@ def profile_about(optimum: Optimum) -> Profile | None:
     joint, end = optimum.joint, optimum.end
     if covariance_of(optimum.information, optimum.variance) is None:
         return None
-    remnant = optimum.values[joint.pilot_count :]
     # Beside another remnant than they were found with.
-    starts = [np.concatenate([other.pilot, remnant]) for other in optimum.others]
+    starts = [np.append(o.pilot, optimum.values[joint.pilot_count :]) for o in optimum.others]
     others = [_ends(optimum, np.array(starts), joint).values] if starts else []
     return profile_intervals(
         optimum.search_problem.gram,
@@ -140,21 +139,19 @@ def off_bounds(optimum: Optimum) -> FloatArray:
         The optimum; without a parameter at a bound there are none.  Those of neuromuscular systems
         are not among them, see `over_systems`.
     """
-    joint, values = optimum.joint, optimum.values
-    model = joint.prediction.model
+    joint, model = optimum.joint, optimum.joint.prediction.model
     at_bound = is_at_bound(model, optimum.pilot)
     at_bound[model.indices_of(Neuromuscular)] = False
     (low, high), inside = model.usual, _inside(optimum)
     # What the lines show rests on no model of the remnant.
-    remnant = values[joint.pilot_count :]
-    starts = np.array([inside, *(np.concatenate([p, remnant]) for p in optimum.lines_pilot)])
+    starts = np.array([inside, *(np.append(p, inside[len(p) :]) for p in optimum.lines_pilot)])
     points = []
     for k in np.flatnonzero(at_bound).tolist():
         ends = starts  # the bounds give a held parameter its value in all starts
         for value in (inside[k], low[k], high[k]):
             ends = _ends(optimum, ends, Box.holding(joint, k, value)).values
             points.append(ends)
-    return np.concatenate([np.zeros((0, len(values))), *points])
+    return np.concatenate([np.zeros((0, len(inside))), *points])
 
 
 def _inside(optimum: Optimum) -> FloatArray:

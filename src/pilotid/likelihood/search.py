@@ -537,7 +537,10 @@ def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     """Choices whose criterion is low on a first look, one of each optimum, best first."""
     if len(choices) == 1:
         return choices
-    firsts = [(choice.suited_fit(), choice) for choice in choices]
+    firsts: list[tuple[Optimum, RemnantChoice]] = []
+    for choice in choices:
+        if not any(fit.tells(choice.pilot) for fit, _ in firsts):
+            firsts.append((choice.suited_fit(), choice))
     firsts.sort(key=lambda first: (-first[0].rank, first[0].criterion))
     best, likely = firsts[0][0], dict[Optimum, RemnantChoice]()
     for fit, choice in firsts:
