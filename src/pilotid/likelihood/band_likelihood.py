@@ -114,6 +114,8 @@ class BandTerms:
         whitened = inside + runs * np.add.reduceat(outside, begins)
         #: Weights of the bins of the scored samples from rest on, as far as they count.
         self.weights = np.append(mean, weights[: int(np.flatnonzero(weights)[-1]) + 1])
+        #: Factors of a filter by the weights, of all bins.
+        self.factors = np.append(2.0 * mean, weights)
         #: Frequencies of groups of bins [rad/s], shape (groups,).
         self.omega = np.append(0.25 * omega[0], middle)
         #: Sums of the weights of all runs in each group, and of those of the remnant's model.
@@ -179,10 +181,7 @@ class BandTerms:
 
     def filtered(self, rows: FloatArray) -> FloatArray:
         """Rows (..., samples) filtered by the weights: their products with rows are weighted."""
-        factors = np.zeros(rows.shape[-1] // 2 + 1)
-        factors[: self.weights.size] = self.weights
-        factors[0] *= 2.0  # the mean is half a bin
-        return np.asarray(np.fft.irfft(np.fft.rfft(rows) * factors, n=rows.shape[-1]))
+        return np.asarray(np.fft.irfft(np.fft.rfft(rows) * self.factors, n=rows.shape[-1]))
 
     def are_stable(self, closed: ComplexArray) -> BoolArray:
         """Whether loops are stable, of 1 + L in the groups that count, shape (sets, counting).
