@@ -162,6 +162,18 @@ def test_several_starts_end_as_each_alone_and_are_sorted_best_first() -> None:
         )
 
 
+def test_a_start_that_meets_an_optimum_is_left_out_and_one_of_no_use_given_up() -> None:
+    def two_valleys(values: FloatArray) -> FloatArray:
+        x = float(values[0])
+        return np.array([[-2.0 * x, -0.1], [x * x - 1.0, 0.1 * (x - 1.0)]])
+
+    gram, space = gram_of(two_valleys), Box(*np.array([[-3.0], [3.0]]), np.array([False]))
+    ends = minimise(gram, np.array([[1.0], [1.6], [-1.2]]), space, merge=True)
+    np.testing.assert_allclose(ends.values, [[1.0], [-0.995]], atol=1e-3)
+    given_up = minimise(gram, np.array([[-0.99]]), space, above=0.0395)
+    assert (given_up.iterations, given_up.converged.any()) == (1, False)
+
+
 def test_iteration_limit_is_kept_and_reported() -> None:
     counted = []
 

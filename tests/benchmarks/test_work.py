@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cases import recorded
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from pilotid import Study, load_recording, save_recording
@@ -55,18 +54,6 @@ def test_study(benchmark: BenchmarkFixture, tmp_path: Path, method: str, workers
     assert result.replications() == REPLICATIONS
     if benchmark.stats:  # nothing is timed where tests run side by side
         benchmark.extra_info["per_second"] = round(REPLICATIONS / benchmark.stats.stats.min, 1)
-
-
-def test_analyse(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
-    benchmark.group = "analyse: 4 subjects, 2 conditions, 3 runs, model chosen"
-    for subject in range(4):
-        for place, name in enumerate(("nominal(runs=3)", "single(runs=3)")):
-            data = recorded(name, seed=10 * subject + place)
-            save_recording(data, tmp_path / f"subj{subject}_C{place + 1}.csv")
-    files = sorted(tmp_path.glob("*.csv"))
-    command = ("-c", PROGRAM, "analyse", *files, "--pattern", "subj{subject}_{condition}")
-    benchmark.pedantic(run, (*command, "--out", tmp_path / "results"), rounds=1)
-    assert (tmp_path / "results" / "report.html").is_file()
 
 
 def test_analyse_people(benchmark: BenchmarkFixture, measured: Path, tmp_path: Path) -> None:
