@@ -9,7 +9,8 @@ goes in four steps, of which the first alone fixes the analysis band:
    white residual, with a second-order remnant; in the first analysis band that is wide enough.
 2. `sweep`: whitened by that remnant, from that pilot with each parameter in turn moved to the ends
    of its usual range and, without forcing frequencies, from usual pilots at random.
-3. Each optimum of the sweep that simulates the control, with remnant models of its own (`noise`).
+3. Each optimum of the sweep that simulates the control, with remnant models of its own; the lines'
+   pilot, too, unless the likelihood at one of these tells what it costs.
 4. The best of them, and those that are as likely.
 
 Steps 1 and 2 look at binned spectra, steps 3 and 4 at all samples.
