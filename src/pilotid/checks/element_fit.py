@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pilotid.checks.detectors import findings
-from pilotid.checks.element_forms import OMEGA, FormFit, fits_of, simplest, spectra_of
+from pilotid.checks.element_forms import HIGHEST, OMEGA, FormFit, fits_of, simplest, spectra_of
 from pilotid.model.element import ControlledElement, as_element, parsed_element
 from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
@@ -134,9 +134,10 @@ def _against(element: ControlledElement, fit: FormFit, is_forced: bool) -> str:
 @remembered
 def confirmed_element(recording: Recording) -> ControlledElement | None:
     """The element that the file names, where its signals follow it closely; else None."""
-    named, spectra = parsed_element(recording.controlled_element), spectra_of(recording)
-    if named is None or len(named.denominator) > len(spectra.output):
+    named = parsed_element(recording.controlled_element)
+    if named is None or len(named.denominator) - 1 > HIGHEST:
         return None
+    spectra = spectra_of(recording)
     with np.errstate(all="ignore"):  # signals that do not move, which tell nothing
         unexplained = spectra.unexplained(spectra.rows(named, slice(0))[-1])
     return named if unexplained.max() <= (0.5 * ELEMENT.different) ** 2 else None

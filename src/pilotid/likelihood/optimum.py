@@ -18,7 +18,7 @@ from pilotid.model.loops import are_stable
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
 from pilotid.solve.intervals import apart, score_dispersion, with_information
-from pilotid.solve.least_squares import Minima, minimise
+from pilotid.solve.least_squares import Minima, is_told, minimise
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import CHI_SQUARED_95, chi_squared_limit, covariance_of
 from pilotid.support.types import FloatArray, IntArray
@@ -215,10 +215,10 @@ class Optimum:
     def tells(self, pilot: FloatArray) -> bool:
         """Whether its curvature tells what a pilot, (parameters,), costs: it is in its valley."""
         there, residuals = np.append(pilot, self.values[len(pilot) :]), self.joint.residuals
-        ratio = float(self.joint.gram(there[None])[0, -1, -1] / self.end.cost[0])
+        excess = residuals * (self.joint.gram(there[None])[0, -1, -1] / self.end.cost[0] - 1.0)
         told = self.end.apart(pilot, residuals)
         # Far away the two may agree by chance.
-        return told < NEAR_DEVIANCE and 0.5 * told <= residuals * (ratio - 1.0) <= 2.0 * told
+        return told < NEAR_DEVIANCE and bool(is_told(excess, np.asarray(told)))
 
     @cached_property
     def rank(self) -> int:

@@ -280,11 +280,10 @@ class Prediction:
         slow = prediction.nuisance_poles[len(self.nuisance_poles) :]
         # What decays very slowly is much like an offset.
         always = slow if self.outlasting_lag(values) <= self.pre_history else (0.0, *slow)
-        poles = list(prediction.nuisance_poles)
+        poles, terms = list(prediction.nuisance_poles), prediction.nuisance_terms
         residual = replace(self, nuisance_poles=()).errors(values, taps)
         limit = chi_squared_limit(prediction.runs, ESTIMATE.noticeable)
         while poles:
-            terms = replace(self, nuisance_poles=tuple(poles)).nuisance_terms
             weights = np.linalg.pinv(terms)  # two decays may be alike
             amplitudes = residual @ weights.T
             left = residual - amplitudes @ terms.T
@@ -295,6 +294,7 @@ class Prediction:
             if squares[least] > limit:
                 break
             del poles[least]
+            terms = np.delete(terms, least, axis=1)
         return replace(self, nuisance_poles=tuple(poles))
 
     def row_spectra(self, values: FloatArray, between: int = 0) -> ComplexArray:

@@ -233,6 +233,11 @@ class Minima:
         return np.asarray(self.values[steps & (self.cost <= (1.0 + far) * self.cost[0])])
 
 
+def is_told(excess: FloatArray, told: FloatArray) -> BoolArray:
+    """Whether costs above an optimum's are those that its curvature tells, to a factor of two."""
+    return (excess > 0.5 * told) & (excess < 2.0 * told)
+
+
 def minimise(
     gram: Gram,
     starts: FloatArray | Minima,
@@ -300,7 +305,7 @@ def minimise(
             lead = min(np.flatnonzero(converged), key=lambda k: grams[k, -1, -1])
             away, excess = was - values[lead], cost - grams[lead, -1, -1]
             told = np.vecdot(away @ grams[lead, :-1, :-1], away)
-            alone[going] = ~((excess > 0.5 * told) & (excess < 2.0 * told))
+            alone[going] = ~is_told(excess, told)
             done |= ~alone[going]
         if done.any():
             was, old, learned, scaled, undamped, promised = (
