@@ -32,7 +32,7 @@ from pilotid.likelihood.posterior import (
 )
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.remnant_models import Autoregressive, LowPass, NoiseModel, are_invertible
-from pilotid.likelihood.search import maximise_likelihood
+from pilotid.likelihood.search import LikelihoodSettings, maximise_likelihood
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
@@ -271,7 +271,8 @@ def test_filters_that_cannot_be_inverted_and_unstable_loops_have_no_density() ->
     population = POPULATIONS["population-short"]
     scenario = scenario_of(population, 1, 61)
     recording = recording_of(population, 1, 61)
-    optimum = maximise_likelihood(recording, scenario.model, np.random.default_rng(1), Bayes())
+    settings, rng = LikelihoodSettings(noise=Autoregressive(10)), np.random.default_rng(1)
+    optimum = maximise_likelihood(recording, scenario.model, rng, settings)
     posterior = Posterior(optimum.joint, priors_of(scenario.model, optimum.joint.noise))
     assert posterior.integrated
     centre, covariance = posterior.approximation(optimum)

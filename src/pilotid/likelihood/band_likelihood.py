@@ -121,6 +121,8 @@ class BandTerms:
         #: Sums of the weights of all runs in each group, and of those of the remnant's model.
         self.inside = np.append(mean * runs, inside)
         self.whitened = np.append(mean * runs, whitened)
+        #: Both for squares of numbers by those of their real and imaginary parts side by side.
+        self.signed = np.kron([self.inside, self.whitened], [1.0, -1.0])
         #: Products at all pairs of lags of what does not count, shape (FAR + 1, FAR + 1).
         self.outside: FloatArray = by_lag[np.abs(np.subtract.outer(lags, lags))]
         #: Number of groups that count for the pilot.
@@ -195,12 +197,12 @@ class BandTerms:
 
     def of_loop(self, closed: ComplexArray) -> FloatArray:
         """-sum W log |1 + L|^2 of 1 + L in the groups that count, shape (sets, counting)."""
-        return np.asarray(-np.log(np.abs(closed) ** 2) @ self.inside[: self.counting])
+        return np.asarray(-_log_power(closed) @ self.inside[: self.counting])
 
     def of_whitener(self, taps: FloatArray) -> FloatArray:
         """-sum V log |A|^2 of whitening filters, shape (sets, taps)."""
         whitener = taps @ self.shifts[: taps.shape[-1]]
-        return np.asarray(-np.log(np.abs(whitener) ** 2) @ self.whitened)
+        return np.asarray(-_log_power(whitener) @ self.whitened)
 
     def log_determinant(
         self, loop: ComplexArray, taps: FloatArray, slopes: FloatArray
@@ -222,20 +224,26 @@ class BandTerms:
         The term, shape (sets,), its slopes, shape (sets, p + r), and the information in it at
         unit variance, shape (sets, p + r, p + r).
         """
-        shifts, inside = self.shifts[: taps.shape[-1]], self.inside[: self.counting]
+        counting, pilots = self.counting, loop.shape[1] - 1
         # Slopes are real: so are the products, of real and imaginary parts side by side.
-        by_remnant = (slopes @ shifts.view(float)).view(complex) / (taps @ shifts)[:, None]
-        by_pilot = loop[:, :-1] / -loop[:, -1:]
-        term = self.of_loop(loop[:, -1]) + self.of_whitener(taps)
-        slope = np.concatenate([by_pilot.real @ inside, by_remnant.real @ self.whitened], axis=1)
+        filters = np.concatenate([slopes, taps[:, None]], axis=1)
+        responses = (filters @ self.shifts[: taps.shape[-1]].view(float)).view(complex)
+        by_remnant = responses[:, :-1] / responses[:, -1:]
+        by_pilot = loop[:, :-1] * (-1.0 / loop[:, -1:])
+        term = self.of_loop(loop[:, -1]) - _log_power(responses[:, -1]) @ self.whitened
         # Not conjugated: with the products of the rows this makes the squares of real parts.
-        weighted = by_pilot * inside
-        by_coefficients = (weighted @ by_pilot.transpose(0, 2, 1)).real
-        across = (weighted @ by_remnant[..., : self.counting].transpose(0, 2, 1)).real
-        remnant = ((by_remnant * self.whitened) @ by_remnant.transpose(0, 2, 1)).real
-        upper = np.concatenate([by_coefficients, across], axis=2)
-        lower = np.concatenate([across.transpose(0, 2, 1), remnant], axis=2)
-        return term, -2.0 * slope, 2.0 * np.concatenate([upper, lower], axis=1)
+        rows = np.concatenate([by_pilot, by_remnant[..., :counting]], axis=1).view(float)
+        remnant = by_remnant.view(float)
+        information = (rows * self.signed[0, : 2 * counting]) @ rows.transpose(0, 2, 1)
+        information[:, pilots:, pilots:] = (remnant * self.signed[1]) @ remnant.transpose(0, 2, 1)
+        slope = np.concatenate(
+            [by_pilot.real @ self.inside[:counting], by_remnant.real @ self.whitened], axis=1
+        )
+        return term, -2.0 * slope, 2.0 * information
+
+
+def _log_power(response: ComplexArray) -> FloatArray:
+    return np.asarray(np.log(response.real**2 + response.imag**2))
 
 
 def most_likely_regression(

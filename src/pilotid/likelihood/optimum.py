@@ -13,7 +13,7 @@ from pilotid.estimate.estimate import Starts, is_at_bound
 from pilotid.estimate.quantities import AnalysedBand, RemnantEstimate
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction
-from pilotid.likelihood.remnant_models import BandPass, are_invertible, criterion
+from pilotid.likelihood.remnant_models import BandPass, are_invertible, bounds_of, criterion
 from pilotid.model.loops import are_stable
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
@@ -37,6 +37,8 @@ HIDDEN = 0.5
 SAME_OPTIMUM_DISTANCE = 4.0
 #: Statistics: deviance up to which a likelihood may be told by its curvature.
 NEAR_DEVIANCE = 20.0
+#: Tuned: by which no other model of the remnant makes up at one pilot (populations: up to 36).
+BEHIND_CRITERION = 40.0
 #: Numerics: relative decrease that ends fits that are compared, and searches that creep along a
 #: flat valley.
 COMPARED_TOLERANCE = 1e-6
@@ -187,6 +189,13 @@ class Optimum:
         """Whether its filter predicts from the past alone, as that of a low-pass always does."""
         return not self.joint.noise.regressive or bool(are_invertible(self.whitener[None])[0])
 
+    @property
+    def is_sound_filter(self) -> bool:
+        """Whether its remnant is filtered white noise, by a filter inside its bounds."""
+        own, (lower, upper) = self.values[self.joint.pilot_count :], bounds_of(self.joint.noise)
+        inside = (own > 1.001 * lower) & (own < 0.999 * upper)
+        return not self.joint.noise.regressive and bool(inside.all())
+
     @cached_property
     def criterion(self) -> float:
         """The criterion of pilot, remnant and nuisance terms together, by which optima compare."""
@@ -211,6 +220,10 @@ class Optimum:
     def is_near(self, pilot: FloatArray) -> bool:
         """Whether a pilot, shape (parameters,), differs by no more than its errors."""
         return self.end.apart(pilot, self.joint.residuals) <= SAME_OPTIMUM_DISTANCE
+
+    def is_behind(self, other: Optimum) -> bool:
+        """Whether it is so much less likely that no other model of the remnant makes up for it."""
+        return self.criterion > other.criterion + BEHIND_CRITERION and self.rank <= other.rank
 
     def tells(self, pilot: FloatArray) -> bool:
         """Whether its curvature tells what a pilot, (parameters,), costs: it is in its valley."""

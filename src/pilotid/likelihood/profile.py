@@ -163,10 +163,10 @@ def _inside(optimum: Optimum) -> FloatArray:
     return np.append(inside, optimum.values[pilot.size :])
 
 
-def _ends(optimum: Optimum, starts: FloatArray, space: Bounds, tolerance: float = 1e-5) -> Minima:
+def _ends(optimum: Optimum, starts: FloatArray, space: Bounds) -> Minima:
     """Where starts end, best first, one of each optimum."""
     gram = optimum.search_problem.gram
-    return minimise(gram, starts, space, tolerance=tolerance, iterations=20, merge=True)
+    return minimise(gram, starts, space, tolerance=1e-5, iterations=20, merge=True)
 
 
 def deviances(optimum: Optimum) -> FloatArray:
@@ -209,24 +209,31 @@ def over_systems(optimum: Optimum, intervals: FloatArray) -> FloatArray:
         limit = float(optimum.end.cost[0]) * math.exp(
             optimum.variance_factor * USUAL_SYSTEM_DEVIANCE / optimum.freedom
         )
-        starts, ends = np.unique([start, _inside(optimum)], axis=0), []
-        for frequency, damping in product(FREQUENCIES, DAMPINGS[1:]):
-            points = starts.copy()
-            # The sum of all delays, which is known best, stays.
-            points[:, list(model.delays)] += 2.0 * (start[d] / start[f] - damping / frequency)
-            fixed = Box.holding(Box.holding(joint, f, frequency), d, damping)
-            end = _ends(optimum, points, fixed, 1e-3)
-            if end.cost[0] < limit:
-                ends.append(end)
-        if ends:
-            best = min(ends, key=lambda end: float(end.cost[0]))
+        starts = np.unique([start, _inside(optimum)], axis=0)
+        systems = np.array([*product(FREQUENCIES, DAMPINGS[1:])])
+        points = np.repeat(starts, len(systems), axis=0)
+        points[:, [f, d]] = np.tile(systems, (len(starts), 1))
+        # The sum of all delays, which is known best, stays.
+        lags = 2.0 * (start[d] / start[f] - points[:, d] / points[:, f])
+        points[:, list(model.delays)] += lags[:, None]
+
+        def gram(values: FloatArray, held: tuple[int, ...] = (f, d)) -> FloatArray:
+            """That of the others: nothing moves the system."""
+            grams = optimum.search_problem.gram(values)
+            for k in held:
+                grams[:, k], grams[:, :, k], grams[:, k, k] = 0.0, 0.0, 1.0
+            return grams
+
+        ends = minimise(gram, points, joint, tolerance=1e-3, iterations=20, above=limit)
+        ends = ends.only(ends.cost < limit)
+        if len(ends.cost):
             free = np.delete(np.arange(len(start)), [f, d])
-            covariance = covariance_of(best.gram[0][np.ix_(free, free)], optimum.variance)
+            covariance = covariance_of(ends.gram[0][np.ix_(free, free)], optimum.variance)
             reach = np.zeros(len(start))
             if covariance is not None:
                 reach[free] = Z95 * np.sqrt(np.diag(covariance))
-            about = np.clip(best.values[0] + np.outer([-1.0, 1.0], reach), joint.lower, joint.upper)
-            points = np.array([*about, *(end.values[0] for end in ends)])
+            about = ends.values[0] + np.outer([-1.0, 1.0], reach)
+            points = np.array([*np.clip(about, joint.lower, joint.upper), *ends.values])
             intervals = _holding(intervals, points[:, : joint.pilot_count])
     return intervals
 

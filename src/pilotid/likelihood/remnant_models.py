@@ -22,6 +22,8 @@ from pilotid.estimate.quantities import RemnantEstimate
 from pilotid.likelihood.prepare import FAR, REACH, Band, prediction_error_filters
 from pilotid.support.types import BoolArray, FloatArray
 
+#: Lags between samples of a filter, shape (FAR, FAR).
+APART = np.abs(np.subtract.outer(np.arange(FAR), np.arange(FAR)))
 #: Bounds of the parameters of filters; autoregressive coefficients have none.
 BOUNDS = {"frequency": (0.2, 200.0), "damping": (0.05, 5.0), "corner": (0.05, 10.0)}
 
@@ -101,9 +103,9 @@ class LowPass:
         if self.order == 0 and band.factor == 1:
             return np.ones((len(values), 1)), np.zeros((len(values), 0, 1))
         power, log_slopes = self.power(band.folded[0], values)
-        autocovariance = band.autocovariance(power, self.reach)
-        own_slopes = band.autocovariance(power * log_slopes, self.reach)
-        lags = np.abs(np.subtract.outer(np.arange(self.reach), np.arange(self.reach)))
+        spectra = np.concatenate([power[None], power * log_slopes])
+        every = band.autocovariance(spectra, self.reach)
+        autocovariance, own_slopes, lags = every[0], every[1:], APART[: self.reach, : self.reach]
         inverse = np.linalg.inv(autocovariance[:, lags])
         taps = np.ones_like(autocovariance)
         taps[:, 1:] = -(inverse @ autocovariance[:, 1:, None])[..., 0]
