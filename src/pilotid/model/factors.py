@@ -303,6 +303,10 @@ class Lead(TimeFactor):
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return 1.0 + values[0] * s
 
+    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
+        response = self.response(s, values)
+        return response, (s / response,)
+
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         return [float(values[0]), 1.0], [1.0]
 
@@ -318,6 +322,10 @@ class Lag(TimeFactor):
 
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return 1.0 / (1.0 + values[0] * s)
+
+    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
+        response = self.response(s, values)
+        return response, (-s * response,)
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         return [1.0], [float(values[0]), 1.0]

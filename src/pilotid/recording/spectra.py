@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -368,13 +369,18 @@ def periodogram(signals: FloatArray, dt: float) -> tuple[FloatArray, float]:
     Densities, shape (runs, bins), and the distance of bins [rad/s].
     """
     samples = signals.shape[1]
+    centred = signals - signals.mean(axis=1, keepdims=True)
+    spectra: ComplexArray = np.fft.rfft(_blackman_harris(samples) * centred)
+    return np.abs(spectra) ** 2 * (dt / np.pi), 2.0 * math.pi / (samples * dt)
+
+
+@lru_cache(maxsize=1)
+def _blackman_harris(samples: int) -> FloatArray:
+    """The window, of unit power: several signals of as many samples follow one another."""
     turn = 2.0 * np.pi * np.arange(samples) / samples
     window = 0.35875 - 0.48829 * np.cos(turn) + 0.14128 * np.cos(2 * turn)
     window -= 0.01168 * np.cos(3 * turn)
-    window *= math.sqrt(dt / np.pi / float(window @ window))
-    centred = signals - signals.mean(axis=1, keepdims=True)
-    spectra: ComplexArray = np.fft.rfft(window * centred)
-    return np.abs(spectra) ** 2, 2.0 * math.pi / (samples * dt)
+    return np.asarray(window / np.linalg.norm(window))
 
 
 def running_median(density: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:

@@ -295,7 +295,7 @@ def minimise(
     going, count = np.arange(len(values)), 1
     while going.size and count < iterations:
         was, old, learned = values[going], grams[going], curvature[going]
-        scaled, undamped, promised = _step(old, learned, was, damping[going], lower, upper)
+        step, undamped, promised = _step(old, learned, was, damping[going], lower, upper)
         cost = old[:, -1, -1]
         done = promised <= tolerance * cost
         converged[going[done]] = True
@@ -308,13 +308,13 @@ def minimise(
             alone[going] = ~is_told(excess, told)
             done |= ~alone[going]
         if done.any():
-            was, old, learned, scaled, undamped, promised = (
-                each[~done] for each in (was, old, learned, scaled, undamped, promised)
+            was, old, learned, step, undamped, promised = (
+                each[~done] for each in (was, old, learned, step, undamped, promised)
             )
             going = going[~done]
             if not going.size:
                 break
-        step = np.minimum(np.maximum(scaled / _scale(old), -longest), longest)
+        step = np.minimum(np.maximum(step, -longest), longest)
         trial = np.minimum(np.maximum(was + step, lower), upper)
         new = inner_gram(trial)
         count += 1
@@ -324,23 +324,21 @@ def minimise(
         near = better & (reached > 0.99 * cost)
         learned[near] = _secant(learned[near], old[near], new[near], (trial - was)[near])
         learned[~near] = 0.0
-        # A parabola through what was promised and what came tells how much too long the step was,
-        # and the Hessian along it, in shares of its diagonal, how much damping that takes.
-        stiff = promised / np.maximum(np.vecdot(undamped, undamped), 1e-300)
-        rise = (reached - cost) / np.maximum(promised, 1e-200)
-        longer = np.where(
-            np.isfinite(rise), np.minimum(np.maximum(1.0 + 2.0 * rise, 1.0), 100.0), 100.0
-        )
-        last = damping[going]
-        damping[going] = np.where(
-            better, np.maximum(last / 10.0, 1e-9), np.maximum(8.0 * last, longer * stiff)
-        )
-        on = going[better]
+        on, failed = going[better], np.flatnonzero(~better)
         values[on], grams[on], curvature[on] = trial[better], new[better], learned[better]
-        # Rounding, not the model, is what keeps a step so damped from lowering the cost.
-        stuck = going[damping[going] > 1e7]
-        converged[stuck] = np.isfinite(grams[stuck, -1, -1])
-        going = going[damping[going] <= 1e7]
+        damping[on] = np.maximum(damping[on] / 10.0, 1e-9)
+        if failed.size:
+            # A parabola through what was promised and what came tells how much too long the step
+            # was, and the Hessian along it, in shares of its diagonal, how much damping that takes.
+            promised, undamped, back = promised[failed], undamped[failed], going[failed]
+            stiff = promised / np.maximum(np.vecdot(undamped, undamped), 1e-300)
+            rise = (reached - cost)[failed] / np.maximum(promised, 1e-200)
+            longer = np.fmin(1.0 + 2.0 * rise, 100.0)  # the latter for NaN
+            damping[back] = np.maximum(8.0 * damping[back], longer * stiff)
+            # Rounding, not the model, is what keeps a step so damped from lowering the cost.
+            stuck = back[damping[back] > 1e7]
+            converged[stuck] = np.isfinite(grams[stuck, -1, -1])
+            going = going[damping[going] <= 1e7]
     values = np.clip(scale.leave(values), space.lower, space.upper)
     ends = Minima(values, converged, scale.outer(grams, values), curvature, count).only(alone)
     return ends.best_first() if sort else ends
@@ -354,7 +352,7 @@ def _step(
     lower: FloatArray,
     upper: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Damped and undamped steps, both times `_scale`, and the decrease that the latter promise."""
+    """Damped steps, undamped ones times `_scale`, and the decrease that the latter promise."""
     scale = _scale(grams)
     right = grams[:, :-1, -1] / scale
     matrix = grams[:, :-1, :-1] + curvature
@@ -368,7 +366,7 @@ def _step(
         matrix = np.where(free[:, :, None] & free[:, None, :], matrix, none)
         right = np.where(free, right, 0.0)
     damped, undamped = _solved(matrix, right, damping)
-    return damped, undamped, np.vecdot(right, undamped)
+    return damped / scale, undamped, np.vecdot(right, undamped)
 
 
 def _solved(matrix: FloatArray, right: FloatArray, damping: FloatArray) -> FloatArray:
@@ -411,7 +409,7 @@ def _secant(
 
 
 def _scale(grams: FloatArray) -> FloatArray:
-    scale = np.sqrt(np.diagonal(grams, axis1=1, axis2=2)[:, :-1])
+    scale = np.sqrt(grams.diagonal(axis1=1, axis2=2)[:, :-1])
     return np.where(scale > 0.0, scale, 1.0)
 
 
