@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +17,13 @@ from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import MIN_VAF_RATIO, Optimum, PilotCheck
 from pilotid.likelihood.prediction import predict
 from pilotid.likelihood.prepare import Band
-from pilotid.likelihood.remnant_models import FIRST_NOISE_MODEL, NOISE_MODELS, criterion
+from pilotid.likelihood.remnant_models import (
+    FIRST_NOISE_MODEL,
+    NOISE_MODELS,
+    LowPass,
+    criterion,
+    guesses,
+)
 from pilotid.likelihood.search import (
     first_fit,
     group_by_optimum,
@@ -218,33 +223,6 @@ def test_hidden_and_exchanged_pilots_are_found(case: tuple[str, int]) -> None:
     assert (np.abs(estimate.values - true) < 2.0 * estimate.std_error).all()
 
 
-def test_a_search_that_went_astray_begins_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    scenario = scenario_named("target-step")
-    recording, model = simulate(scenario, np.random.default_rng(1)), scenario.model
-    first_swept, sought = search.sweep, list[int]()
-    # Another optimum, whose second channel is late.
-    astray_at = scenario.values[None] * [1.0, 1.0, 1.0, 0.01, 4.0, 1.0, 1.0]
-
-    def found() -> Optimum:
-        return search.maximise_likelihood(recording, model, np.random.default_rng(1), MLE())
-
-    def astray(*arguments: Any) -> Any:
-        candidates, starts, check = first_swept(*arguments)
-        sought.append(len(candidates))
-        return (astray_at if len(sought) == 1 else candidates), starts, check
-
-    reached = [found().criterion]
-    monkeypatch.setattr(search, "sweep", astray)
-    for most, sweeps in ((0.0, 2), (np.inf, 1)):
-        monkeypatch.setattr(search, "MAX_DISPERSION", most)
-        sought.clear()
-        reached.append(found().criterion)
-        assert len(sought) == sweeps
-    # Whether the second sweep finds the best of all is rounding's choice.
-    assert reached[0] < reached[2] - 10.0
-    assert reached[1] < reached[2] + 0.1
-
-
 def test_an_optimum_that_is_no_pilot_did_not_converge(monkeypatch: pytest.MonkeyPatch) -> None:
     assert fit_of(MLE(), NOMINAL).outcome is Outcome.CONVERGED
     monkeypatch.setattr(PilotCheck, "ranks", lambda _, sets: np.zeros(len(sets), dtype=int))
@@ -277,3 +255,27 @@ def test_few_frequencies_hold_what_the_lines_of_both_functions_say() -> None:
     idle = model.vector({**pilot, "Kvis": 1e-6, "Kt": 1e-6, "tlagt": 0.4, "tdt": 0.14})
     power = Likelihood(prediction.binned).gram(np.array([near, idle]))[:, -1, -1]
     assert power[0] < 0.0012 * power[1]  # .0020 at the middles
+
+
+def test_an_autoregression_is_fitted_where_the_filter_before_it_ends_at_a_bound() -> None:
+    """It is 13 behind at the first pilot, and thousands ahead in the end."""
+    scenario, both = scenario_named("target-step"), []
+    for noise in (None, LowPass(2)):
+        recording, rng = simulate(scenario, np.random.default_rng(1)), np.random.default_rng(1)
+        both += [search.maximise_likelihood(recording, scenario.model, rng, MLE(noise=noise))]
+    assert both[0].criterion < both[1].criterion - 1000.0
+
+
+def test_beside_what_is_known_or_far_ahead_no_other_remnant_is_fitted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    recording = simulate(NOMINAL, np.random.default_rng(1))
+    prediction = predict(recording, NOMINAL.model, 50.0)
+    at = search.RemnantChoice(prediction, TRUTH, LowPass(2)).suited_fit()
+    far = replace(at, end=replace(at.end, values=at.end.values * 1.5))
+    monkeypatch.setattr(search, "contenders", lambda *of: guesses(*of, [LowPass(2), LowPass(1)]))
+    for known, behind, fits in (([], 0.0, 2), ([at], 1e9, 1), ([far], 1e9, 2), ([far], -1e9, 1)):
+        monkeypatch.setattr(search, "BEHIND_CRITERION", behind)
+        choice = search.RemnantChoice(prediction, TRUTH, None)
+        choice.suited_fit(known=known)
+        assert len(choice._fits) == fits

@@ -14,12 +14,13 @@ from pilotid.datasets.population import POPULATIONS
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.method import identify
 from pilotid.likelihood.diagnostics import drift_left, portmanteau
-from pilotid.likelihood.estimates import correlations, inputs_of, prediction_errors
+from pilotid.likelihood.estimates import prediction_errors
 from pilotid.likelihood.optimum import Optimum
 from pilotid.likelihood.remnant_models import Autoregressive, LowPass
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods.mle import MLE
 from pilotid.model.catalogue import MODELS, MULTI
+from pilotid.plots.plots import correlations, inputs_of
 from pilotid.recording.recording import Recording
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit

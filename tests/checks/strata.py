@@ -1,6 +1,5 @@
 """Recordings of strata from a generator that shares no code with pilotid's.
 
-One constant was set on them, `pilotid.likelihood.search.MAX_DISPERSION` (seeds below 5000).
 Pilots, elements, forcing functions, remnants and recorders have formulas and ranges of their own;
 loops are solved in frequency, from a minute before the run-in on.  A pilot leaves a modulus margin
 of .45.

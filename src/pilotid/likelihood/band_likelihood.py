@@ -197,12 +197,12 @@ class BandTerms:
 
     def of_loop(self, closed: ComplexArray) -> FloatArray:
         """-sum W log |1 + L|^2 of 1 + L in the groups that count, shape (sets, counting)."""
-        return np.asarray(-_log_power(closed) @ self.inside[: self.counting])
+        return np.asarray(-np.log(np.abs(closed) ** 2) @ self.inside[: self.counting])
 
     def of_whitener(self, taps: FloatArray) -> FloatArray:
         """-sum V log |A|^2 of whitening filters, shape (sets, taps)."""
         whitener = taps @ self.shifts[: taps.shape[-1]]
-        return np.asarray(-_log_power(whitener) @ self.whitened)
+        return np.asarray(-np.log(np.abs(whitener) ** 2) @ self.whitened)
 
     def log_determinant(
         self, loop: ComplexArray, taps: FloatArray, slopes: FloatArray
@@ -230,7 +230,7 @@ class BandTerms:
         responses = (filters @ self.shifts[: taps.shape[-1]].view(float)).view(complex)
         by_remnant = responses[:, :-1] / responses[:, -1:]
         by_pilot = loop[:, :-1] * (-1.0 / loop[:, -1:])
-        term = self.of_loop(loop[:, -1]) - _log_power(responses[:, -1]) @ self.whitened
+        term = self.of_loop(loop[:, -1]) + self.of_whitener(taps)
         # Not conjugated: with the products of the rows this makes the squares of real parts.
         rows = np.concatenate([by_pilot, by_remnant[..., :counting]], axis=1).view(float)
         remnant = by_remnant.view(float)
@@ -240,10 +240,6 @@ class BandTerms:
             [by_pilot.real @ self.inside[:counting], by_remnant.real @ self.whitened], axis=1
         )
         return term, -2.0 * slope, 2.0 * information
-
-
-def _log_power(response: ComplexArray) -> FloatArray:
-    return np.asarray(np.log(response.real**2 + response.imag**2))
 
 
 def most_likely_regression(

@@ -298,40 +298,6 @@ def prediction_errors(
     return prediction, prediction.errors(values, taps), variance
 
 
-def inputs_of(recording: Recording, prediction: Prediction) -> dict[str, FloatArray]:
-    """What a model's channels act on in the band of a prediction, each of shape (runs, samples).
-
-    By the signal's name, low-passed to the band and without its mean.
-    """
-    inputs = {}
-    for key in dict.fromkeys(channel.on for channel in prediction.model.channels):
-        signal = prediction.samples_of(prediction.window.transformed(recording.input(key)))
-        inputs[key] = signal - signal.mean(axis=1, keepdims=True)
-    return inputs
-
-
-def correlations(errors: FloatArray, signal: FloatArray, lags: range) -> FloatArray:
-    """Correlation coefficients of errors with a signal some samples before, all runs together.
-
-    Parameters
-    ----------
-    errors, signal
-        Shape (runs, samples), both without a mean.
-    lags
-        Whole numbers of samples; negative ones for a signal after the error.
-
-    Returns
-    -------
-    FloatArray
-        Shape (lags,).
-    """
-    from scipy.signal import correlate  # when it is needed
-
-    sums = np.sum([correlate(*each) for each in zip(errors, signal, strict=True)], axis=0)
-    at = errors.shape[1] - 1 + np.array(lags)
-    return np.asarray(sums[at] / np.sqrt(np.sum(errors**2) * np.sum(signal**2)))
-
-
 def _require_values(estimate: Estimate) -> None:
     if not np.isfinite(estimate.values).all():
         raise InputError(f"the estimate by {estimate.method} has no values: {estimate.sentence}")

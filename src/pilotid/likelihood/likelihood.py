@@ -57,13 +57,9 @@ class Likelihood(Problem):
         directly = prediction.counted or prediction.runs * free
         #: Number of prediction errors, less the nuisance terms of each run; in a band of its bins.
         self.residuals = directly if terms is None else terms.residuals
-        size = prediction.control_spectrum.size
-        if adjoint or prediction.weights is not None:
-            self.block = 12  # what a cache holds of few frequencies
-        elif size < 1 << 12:
-            self.block = 8
-        elif size >= 1 << 16:
-            self.block = 1  # beyond any cache: it spares memory
+        # What a cache holds, of few frequencies more; beyond any cache one at a time spares memory.
+        at_once = min(8, max(1, (1 << 15) // prediction.control_spectrum.size))
+        self.block = 12 if adjoint or prediction.weights is not None else at_once
         model = prediction.model
         self.pilot_count = len(model.parameters)
         bounds = bounds_of(noise)

@@ -37,8 +37,6 @@ HIDDEN = 0.5
 SAME_OPTIMUM_DISTANCE = 4.0
 #: Statistics: deviance up to which a likelihood may be told by its curvature.
 NEAR_DEVIANCE = 20.0
-#: Tuned: by which no other model of the remnant makes up at one pilot (populations: up to 36).
-BEHIND_CRITERION = 40.0
 #: Numerics: relative decrease that ends fits that are compared, and searches that creep along a
 #: flat valley.
 COMPARED_TOLERANCE = 1e-6
@@ -192,9 +190,8 @@ class Optimum:
     @property
     def is_sound_filter(self) -> bool:
         """Whether its remnant is filtered white noise, by a filter inside its bounds."""
-        own, (lower, upper) = self.values[self.joint.pilot_count :], bounds_of(self.joint.noise)
-        inside = (own > 1.001 * lower) & (own < 0.999 * upper)
-        return not self.joint.noise.regressive and bool(inside.all())
+        noise, own = self.joint.noise, self.values[self.joint.pilot_count :]
+        return not (noise.regressive or np.isclose(own, bounds_of(noise)).any())
 
     @cached_property
     def criterion(self) -> float:
@@ -220,10 +217,6 @@ class Optimum:
     def is_near(self, pilot: FloatArray) -> bool:
         """Whether a pilot, shape (parameters,), differs by no more than its errors."""
         return self.end.apart(pilot, self.joint.residuals) <= SAME_OPTIMUM_DISTANCE
-
-    def is_behind(self, other: Optimum) -> bool:
-        """Whether it is so much less likely that no other model of the remnant makes up for it."""
-        return self.criterion > other.criterion + BEHIND_CRITERION and self.rank <= other.rank
 
     def tells(self, pilot: FloatArray) -> bool:
         """Whether its curvature tells what a pilot, (parameters,), costs: it is in its valley."""

@@ -100,8 +100,6 @@ class LowPass:
         Taps, shape (sets, taps), the first of which is one, and their derivatives,
         shape (sets, parameters, taps).
         """
-        if self.order == 0 and band.factor == 1:
-            return np.ones((len(values), 1)), np.zeros((len(values), 0, 1))
         power, log_slopes = self.power(band.folded[0], values)
         spectra = np.concatenate([power[None], power * log_slopes])
         every = band.autocovariance(spectra, self.reach)
@@ -116,9 +114,6 @@ class LowPass:
 
     def filters(self, values: FloatArray, band: Band) -> FloatArray:
         """Whitening filters alone, fast for many sets, shape (sets, taps)."""
-        if self.order == 0:
-            one = self.taps(values[:1], band)[0]
-            return np.broadcast_to(one, (len(values), one.shape[1]))
         power, _ = self.power(band.folded[0], values)
         return prediction_error_filters(band.autocovariance(power, self.reach))
 

@@ -67,6 +67,8 @@ SEARCH_BAND, CANDIDATES, REFINED = 26.0, 12, 4
 #: Tuned: by which the criterion may be higher of a candidate on a first look, and of a remnant's
 #: model beside what a first pilot leaves (populations).
 LOOK_CRITERION = 20.0
+#: Tuned: by which no other model of the remnant makes up at one pilot (populations: up to 36).
+BEHIND_CRITERION = 40.0
 #: Tuned: by which the criterion may be higher of other models of the remnant, beside which
 #: intervals are sought too (hard remnants: coverage .931 without, .956; with 5 a tenth slower).
 RIVAL_CRITERION = 3.0
@@ -74,9 +76,6 @@ RIVAL_CRITERION = 3.0
 #: behind it was the best in 4 of 284 pairs, where filters behind autoregressions are every third
 #: time (six populations, seeds 3000 to 3119).
 LOOK_REGRESSION = 8.0
-#: Tuned: variance of the scores of segments over what it would be of a constant pilot, of an
-#: optimum that may be a wrong one (targets that step: 6.3; nine in ten right ones are below 2.1).
-MAX_DISPERSION = 2.2
 
 
 @dataclass(frozen=True)
@@ -149,11 +148,6 @@ def maximise_likelihood(
     # The lines' pilot rests on no model of the remnant.
     likely = _likely([choice_at(pilot, settings.noise) for pilot in (*candidates, *lines)])
     best, others = _best_and_others([fitted(choice) for choice in likely])
-    if settings.noise is None and not len(lines) and best.dispersion > MAX_DISPERSION:
-        # What was not likely beside the remnant of the first pilot may be so beside that of this.
-        pilots = sweep(best, rng, lines)[0]
-        again = [choice_at(pilot, None) for pilot in pilots if not best.is_near(pilot)]
-        best, others = _best_and_others([best, *map(fitted, again)])
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
     for _ in range(4):
         other = whole.with_noticeable_terms(best.pilot, best.whitener)
@@ -483,12 +477,8 @@ class RemnantChoice:
         self._first, self._fits = self.pilot, dict[NoiseModel, Optimum]()
 
     def full_fit(self) -> Optimum:
-        """The best of all: its model is chosen anew as the pilot moves, in few rounds."""
+        """The best of all: its model is chosen anew as the pilot moves."""
         best = self.suited_fit()
-        for _ in range(0 if self.noise else 2):
-            before, best = best, self.suited_fit()
-            if best.joint.noise == before.joint.noise:
-                break
         # Of many long autoregressions the first that suits depends on where the search came from.
         while others := [] if self.noise else neighbours(best.joint.noise):
             better = self.suited_fit(others)
@@ -519,8 +509,10 @@ class RemnantChoice:
             behind = guess.criterion - every[0].criterion if guess.model.regressive else 0.0
             if fits and fits[0].is_sound_filter and behind > LOOK_REGRESSION:
                 continue
-            fits.append(self._fitted(guess))
-            if any(fits[-1].is_near(each.pilot) or fits[-1].is_behind(each) for each in known):
+            fit = self._fitted(guess)
+            fits.append(fit)
+            lost = [each for each in known if fit.criterion > each.criterion + BEHIND_CRITERION]
+            if any(fit.is_near(o.pilot) for o in known) or any(fit.rank <= o.rank for o in lost):
                 break
         if not (self.noise or any(fit.is_invertible for fit in fits)):
             filters = [model for model in NOISE_MODELS if not model.regressive]
@@ -550,8 +542,6 @@ class RemnantChoice:
 
 def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     """Choices whose criterion is low on a first look, one of each optimum, best first."""
-    if len(choices) == 1:
-        return choices
     firsts: list[tuple[Optimum, RemnantChoice]] = []
     for choice in choices:
         if not any(fit.tells(choice.pilot) for fit, _ in firsts):

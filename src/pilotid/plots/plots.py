@@ -16,7 +16,8 @@ import numpy as np
 
 from pilotid.estimate.estimate import Estimate
 from pilotid.estimate.quantities import TAILS, Draws
-from pilotid.likelihood.estimates import correlations, inputs_of, prediction_errors
+from pilotid.likelihood.estimates import prediction_errors
+from pilotid.likelihood.prediction import Prediction
 from pilotid.plots.responses import describing_function, open_loop
 from pilotid.plots.style import (
     INK,
@@ -224,6 +225,40 @@ def correlation(
     if len(axes.get_legend_handles_labels()[1]) > 1:
         legend(axes)
     return axes
+
+
+def inputs_of(recording: Recording, prediction: Prediction) -> dict[str, FloatArray]:
+    """What a model's channels act on in the band of a prediction, each of shape (runs, samples).
+
+    By the signal's name, low-passed to the band and without its mean.
+    """
+    inputs = {}
+    for key in dict.fromkeys(channel.on for channel in prediction.model.channels):
+        signal = prediction.samples_of(prediction.window.transformed(recording.input(key)))
+        inputs[key] = signal - signal.mean(axis=1, keepdims=True)
+    return inputs
+
+
+def correlations(errors: FloatArray, signal: FloatArray, lags: range) -> FloatArray:
+    """Correlation coefficients of errors with a signal some samples before, all runs together.
+
+    Parameters
+    ----------
+    errors, signal
+        Shape (runs, samples), both without a mean.
+    lags
+        Whole numbers of samples; negative ones for a signal after the error.
+
+    Returns
+    -------
+    FloatArray
+        Shape (lags,).
+    """
+    from scipy.signal import correlate  # when it is needed
+
+    sums = np.sum([correlate(*each) for each in zip(errors, signal, strict=True)], axis=0)
+    at = errors.shape[1] - 1 + np.array(lags)
+    return np.asarray(sums[at] / np.sqrt(np.sum(errors**2) * np.sum(signal**2)))
 
 
 # figures of a posterior
