@@ -235,7 +235,8 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
     first = np.atleast_1d(np.poly([-3.0] * form.free))[1:]
     starts = np.array([[*np.zeros(1 + form.zeros), *first, delay] for delay in delays])
     for _ in range(3 if form.free else 1):  # the equation divided by the last denominator
-        starts, _ = solve_linear(gram(starts, 0.0), starts, tuple(range(form.size - 1)), box.lower)
+        starts, cost = solve_linear(gram(starts, 0.0), starts, range(form.size - 1), box.lower)
+        starts = starts[np.argsort(cost, kind="stable")[:3]]
     count = INDEPENDENT * np.bincount(spectra.fine)  # independent observations in each band
     best = minimise(gram, starts, box, iterations=1).only([0])
     # To .03 of -2 log-likelihood.

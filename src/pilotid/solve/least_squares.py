@@ -9,7 +9,7 @@ before.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
@@ -414,7 +414,7 @@ def _scale(grams: FloatArray) -> FloatArray:
 
 
 def solve_linear(
-    grams: FloatArray, values: FloatArray, linear: tuple[int, ...], lower: FloatArray
+    grams: FloatArray, values: FloatArray, linear: Sequence[int], lower: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Best values of the linear parameters with all others as they are.
 
