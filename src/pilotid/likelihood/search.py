@@ -363,7 +363,6 @@ def sweep(
     passed = ends.only(np.repeat(kept, sizes[kept])).best_first()
     # The whitening of the sweep favours the pilot that it is from.
     candidates, agreeing = optima(passed, samples, far=1000.0)
-    candidates = np.concatenate([candidates, lines])
     if len(candidates) > 1:
         # As exact as it takes to see that two of them are one.
         rematched = with_remnants(first.joint, candidates, tolerance=1e-4, iterations=30)
