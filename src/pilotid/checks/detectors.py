@@ -393,8 +393,9 @@ def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int]:
             # Of a multiple's phases the mean takes less time than of the signal.
             wider = next((each for each in means if each % step == 0), 0)
             whole = means[wider] if wider else size[: size.size // step * step]
-            phases = means[step] = whole.reshape(-1, step).mean(axis=0)
-            if 3.0 * phases.min() < phases.mean():  # or none is small
+            phases = np.add.reduce(whole.reshape(-1, step)) * (step / whole.size)
+            means[step] = phases
+            if 3.0 * np.minimum.reduce(phases) < np.add.reduce(phases) / step:  # or none is small
                 score, share = _of_phases(phases)
                 scores.append((share, -order, -step, score))
     share, order, step, score = max(scores, default=(0.0, 0, 0, 0.0))

@@ -28,7 +28,7 @@ import numpy as np
 from pilotid.checks.detectors import band_end
 from pilotid.checks.element_fit import closing_element
 from pilotid.likelihood.prepare import FAR
-from pilotid.likelihood.remnant_models import are_invertible
+from pilotid.likelihood.remnant_models import APART, are_invertible
 from pilotid.model.element import ControlledElement
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
@@ -124,7 +124,7 @@ class BandTerms:
         #: Both for squares of numbers by those of their real and imaginary parts side by side.
         self.signed = np.kron([self.inside, self.whitened], [1.0, -1.0])
         #: Products at all pairs of lags of what does not count, shape (FAR + 1, FAR + 1).
-        self.outside: FloatArray = by_lag[np.abs(np.subtract.outer(lags, lags))]
+        self.outside: FloatArray = by_lag[APART]
         #: Number of groups that count for the pilot.
         self.counting = int(np.flatnonzero(self.inside)[-1]) + 1
         #: Responses of delays by 0 to FAR samples, shape (FAR + 1, groups).

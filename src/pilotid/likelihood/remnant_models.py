@@ -22,8 +22,8 @@ from pilotid.estimate.quantities import RemnantEstimate
 from pilotid.likelihood.prepare import FAR, REACH, Band, prediction_error_filters
 from pilotid.support.types import BoolArray, FloatArray
 
-#: Lags between samples of a filter, shape (FAR, FAR).
-APART = np.abs(np.subtract.outer(np.arange(FAR), np.arange(FAR)))
+#: Lags between samples of a filter, shape (FAR + 1, FAR + 1).
+APART = np.abs(np.subtract.outer(np.arange(FAR + 1), np.arange(FAR + 1)))
 #: Bounds of the parameters of filters; autoregressive coefficients have none.
 BOUNDS = {"frequency": (0.2, 200.0), "damping": (0.05, 5.0), "corner": (0.05, 10.0)}
 
