@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -553,10 +554,11 @@ def score_of_changes(
     variance = float(errors @ errors) / (errors.size - len(jacobian))
     # Directions that one part of the recording alone tells of cannot be tested, and are dropped.
     root = np.linalg.cholesky(inverse[np.ix_(varying, varying)])
+    edges = [*(math.floor(place * rows.shape[-1] + 0.5) for place in places), rows.shape[-1]]
+    parts = (rows[..., begin:end] for begin, end in pairwise(edges))
+    products = [np.tensordot(part[varying], part, ((1, 2), (1, 2))) for part in parts]
     changes = []
-    for place in places:
-        after = rows[..., math.floor(place * rows.shape[-1] + 0.5) :]
-        tail = np.tensordot(after[varying], after, ((1, 2), (1, 2)))
+    for tail in np.cumsum(products[::-1], axis=0)[::-1]:  # from each place to the end
         # What constant parameters, estimated along with it, make of a change is no sign of one.
         across, within = tail[:, :-1], tail[:, varying]
         score = tail[:, -1] - across @ (inverse @ (jacobian @ errors))

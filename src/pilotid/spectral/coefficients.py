@@ -8,7 +8,7 @@ import numpy as np
 
 from pilotid.estimate.quantities import FrequencyResponse, circular
 from pilotid.model.model import PilotModel
-from pilotid.recording.recording import Recording
+from pilotid.recording.recording import Recording, remembered
 from pilotid.recording.spectra import coefficients_at, forcing_lines, hidden_lines
 from pilotid.support.types import BoolArray, ComplexArray, FloatArray, IntArray
 
@@ -220,6 +220,7 @@ class Coefficients:
         return FrequencyResponse(omega, value[:, once], circular(both @ both.conj().T))
 
 
+@remembered
 def coefficients_of(
     recording: Recording, model: PilotModel, neighbours: int, trend: int | None
 ) -> Coefficients:

@@ -141,15 +141,16 @@ def fit_lines(
         ends = minimise(first.gram, points, model, tolerance=1e-3, iterations=16)
         more = best_pilot(recording, model, ends)
         pilot = min((pilot, more), key=lambda minima: float(minima.cost[0]))
-    fit = LinesFit(coefficients, model, pilot.values[0], power)
+    fits = [LinesFit(coefficients, model, pilot.values[0], power)]
     for _ in range(ROUNDS):
-        before, fit = fit, fit.again()
-        was, still = are_pilots(recording, model, np.array([before.values, fit.values]))
-        if was and not still:
-            return before
-        if np.all(np.abs(fit.values - before.values) <= same * np.abs(before.values)):
+        fits.append(fits[-1].again())
+        before, values = fits[-2].values, fits[-1].values
+        if np.all(np.abs(values - before) <= same * np.abs(before)):
             break
-    return fit
+    stable = are_pilots(recording, model, np.array([fit.values for fit in fits]))
+    # A round that leaves the pilots leads nowhere.
+    left = np.flatnonzero(stable[:-1] & ~stable[1:])
+    return fits[left[0] if left.size else -1]
 
 
 def best_pilot(recording: Recording, model: PilotModel, ends: Minima) -> Minima:
