@@ -417,10 +417,17 @@ def profile_intervals(
     scale = LogTransform(space.positive)
     lower, upper = scale.enter(space.lower), scale.enter(space.upper)
     box = Box(lower, upper, np.zeros_like(space.positive))
+    room = np.where(space.positive, 1.0, 0.25 * (upper - lower))
 
     def inner(points: FloatArray) -> FloatArray:
         values = scale.leave(points)
-        return scale.inner(gram(values), values)
+        grams = scale.inner(gram(values), values)
+        # A search would chase what has no influence, such as the delay of a gain that is zero.
+        sizes = grams.diagonal(axis1=1, axis2=2)[:, :-1] * room**2
+        slopes = 2.0 * np.abs(grams[:, :-1, -1]) * room
+        for each, k in np.argwhere(sizes + slopes < 0.01 * variance).tolist():
+            grams[each, k], grams[each, :, k], grams[each, k, k] = 0.0, 0.0, 1.0
+        return grams
 
     best = scale.enter(minimum.values[:1])
     optimum_gram = scale.inner(minimum.gram[:1], minimum.values[:1])
@@ -435,7 +442,6 @@ def profile_intervals(
 
     blocked = _blocked(optimum_gram, best, lower, upper)
     error = _errors(optimum_gram[0], blocked[0], variance)[:count]
-    room = np.where(space.positive, 1.0, 0.25 * (upper - lower))
     # On the ridge of the quadratic approximation.
     points = np.repeat(best, 2 * count, axis=0)
     grams = np.repeat(optimum_gram, 2 * count, axis=0)
@@ -487,12 +493,11 @@ def profile_intervals(
             ends[i] = search.end(int(which[i]), float(target[i]), best[0], lowest, closest[i])
         known = np.sort(np.column_stack([ends.reshape(2, count).T, best[0, :count]]))[:, [0, -1]]
         # What is hardly known goes far, and may lead to another valley, which ends farther inside.
-        room = np.where(np.arange(len(room)) == which[:, None], np.inf, room)
-        is_far = (np.abs(points - best) > room).any(axis=1).reshape(2, count).T
+        near = np.where(np.arange(len(room)) == which[:, None], np.inf, room)
+        is_far = (np.abs(points - best) > near).any(axis=1).reshape(2, count).T
         search.look_in_valleys(best, known, target[:count], is_far)
         if others is not None:
-            near = scale.enter(others)
-            search.look_in_valleys(near, known, target[:count], np.ones_like(is_far))
+            search.look_in_valleys(scale.enter(others), known, target[:count], np.ones_like(is_far))
         known = search.extended(known, target[:count])
     lowest_of_all = int(np.nanargmin(search.costs))
     is_better = search.costs[lowest_of_all] < least
