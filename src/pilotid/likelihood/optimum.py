@@ -13,15 +13,21 @@ from pilotid.estimate.estimate import Starts, is_at_bound
 from pilotid.estimate.quantities import AnalysedBand, RemnantEstimate
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.prediction import Prediction
-from pilotid.likelihood.remnant_models import BandPass, are_invertible, bounds_of, criterion
+from pilotid.likelihood.remnant_models import (
+    BandPass,
+    NoiseModel,
+    are_invertible,
+    bounds_of,
+    criterion,
+)
 from pilotid.model.loops import are_stable
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of
 from pilotid.solve.intervals import apart, score_dispersion, with_information
-from pilotid.solve.least_squares import Minima, is_told, minimise
+from pilotid.solve.least_squares import LogTransform, Minima, is_told, minimise
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import CHI_SQUARED_95, chi_squared_limit, covariance_of
-from pilotid.support.types import FloatArray, IntArray
+from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 #: Tuned: VAF of the simulated control over that of the lines' pilot.  In populations right optima
 #: have .90 or more; of people in stable loops some that are usable have little more than half
@@ -214,17 +220,32 @@ class Optimum:
         """Possible further decrease of the criterion of a fit that is only compared."""
         return 10.0 * COMPARED_TOLERANCE * self.joint.residuals
 
+    def is_of(self, prediction: Prediction, noise: NoiseModel) -> bool:
+        """Whether its likelihood is that of a prediction and a model of the remnant."""
+        return self.joint.prediction is prediction and self.joint.noise == noise
+
     def is_near(self, pilot: FloatArray) -> bool:
         """Whether a pilot, shape (parameters,), differs by no more than its errors."""
         return self.end.apart(pilot, self.joint.residuals) <= SAME_OPTIMUM_DISTANCE
 
-    def tells(self, pilot: FloatArray) -> bool:
-        """Whether its curvature tells what a pilot, (parameters,), costs: it is in its valley."""
-        there, residuals = np.append(pilot, self.values[len(pilot) :]), self.joint.residuals
-        excess = residuals * (self.joint.gram(there[None])[0, -1, -1] / self.end.cost[0] - 1.0)
-        told = self.end.apart(pilot, residuals)
+    def tells(self, values: FloatArray, cost: FloatArray) -> BoolArray:
+        """Whether its curvature tells the cost of sets of parameters: they are in its valley.
+
+        Shapes are (sets, parameters) and (sets,).
+        """
+        # Where gain and lead share what is known of their product the valley is straight in logs.
+        scale, end = LogTransform(self.joint.positive), self.end
+        least = max(float(end.cost[0]), 1e-300)
+        away = scale.enter(values) - scale.enter(end.values[0])
+        squares = np.vecdot(away @ scale.inner(end.gram, end.values)[0, :-1, :-1], away)
+        excess, told = self.joint.residuals / least * np.array([cost - least, squares])
         # Far away the two may agree by chance.
-        return told < NEAR_DEVIANCE and bool(is_told(excess, np.asarray(told)))
+        return np.asarray((told < NEAR_DEVIANCE) & is_told(excess, told))
+
+    def tells_pilot(self, pilot: FloatArray) -> bool:
+        """Whether that is so of a pilot, shape (parameters,), beside its remnant."""
+        there = np.append(pilot, self.values[len(pilot) :])[None]
+        return bool(self.tells(there, self.joint.gram(there)[:, -1, -1])[0])
 
     @cached_property
     def rank(self) -> int:
@@ -385,14 +406,20 @@ def best_of(optima: Sequence[Optimum]) -> Optimum:
     return best
 
 
-def descend(joint: Likelihood, starts: FloatArray | Minima, tolerance: float = 1e-10) -> Minima:
+def descend(
+    joint: Likelihood,
+    starts: FloatArray | Minima,
+    tolerance: float = 1e-10,
+    known: Optimum | None = None,
+) -> Minima:
     """The best optimum that starts lead to, as in `minimise`, to a tolerance.
 
     Along a flat valley the search creeps; where it got is then good enough if the tolerance of
-    what is compared is met.
+    what is compared is met.  Starts that a known optimum tells are left out.
     """
-    end = minimise(joint.gram, starts, joint, tolerance=tolerance, merge=True)
-    if end.converged[0]:
+    is_known = known.tells if known else None
+    end = minimise(joint.gram, starts, joint, tolerance=tolerance, merge=True, is_known=is_known)
+    if end.converged[:1].all():
         return end
     tolerance = max(tolerance, COMPARED_TOLERANCE)
     return minimise(joint.gram, end.only([0]), joint, tolerance=tolerance)

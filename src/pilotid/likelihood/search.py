@@ -285,14 +285,12 @@ def first_fit(
     return first
 
 
-def with_remnants(
-    joint: Likelihood, pilots: FloatArray, *, tolerance: float = 3e-3, iterations: int = 12
-) -> Minima:
+def with_remnants(joint: Likelihood, pilots: FloatArray, tolerance: float = 3e-3) -> Minima:
     """Each pilot with the remnant that it leaves, estimated together on binned spectra."""
     residuals = map(joint.prediction.errors, pilots)
     guesses = [joint.noise.guess(lagged_products(left), joint.band)[0] for left in residuals]
     starts = np.hstack([pilots, guesses])
-    return minimise(joint.coarse.gram, starts, joint, tolerance=tolerance, iterations=iterations)
+    return minimise(joint.coarse.gram, starts, joint, tolerance=tolerance, iterations=12)
 
 
 def wide_enough(first: Optimum) -> bool:
@@ -364,8 +362,7 @@ def sweep(
     # The whitening of the sweep favours the pilot that it is from.
     candidates, agreeing = optima(passed, samples, far=1000.0)
     if len(candidates) > 1:
-        # As exact as it takes to see that two of them are one.
-        rematched = with_remnants(first.joint, candidates, tolerance=1e-4, iterations=30)
+        rematched = with_remnants(first.joint, candidates, 1e-4)
         rematched = rematched.only(check.which(rematched))
         # Binned spectra missed 170 in deviance once (populations).
         candidates = optima(rematched, samples, far=300.0)[0][:5, : first.joint.pilot_count]
@@ -510,7 +507,7 @@ class RemnantChoice:
             behind = guess.criterion - every[0].criterion if guess.model.regressive else 0.0
             if fits and fits[0].is_sound_filter and behind > LOOK_REGRESSION:
                 continue
-            fit = self._fitted(guess)
+            fit = self._fitted(guess, known)
             fits.append(fit)
             lost = [each for each in known if fit.criterion > each.criterion + BEHIND_CRITERION]
             if any(fit.is_near(o.pilot) for o in known) or any(fit.rank <= o.rank for o in lost):
@@ -524,13 +521,16 @@ class RemnantChoice:
         self.pilot = best.pilot
         return best
 
-    def _fitted(self, guess: Guess) -> Optimum:
-        """A model's fit, made when it is first asked for."""
+    def _fitted(self, guess: Guess, known: Sequence[Optimum] = ()) -> Optimum:
+        """A model's fit, made when it is first asked for; a known one that the search leads to."""
         if guess.model not in self._fits:
             joint = Likelihood(self.prediction, guess.model, adjoint=self.prediction.is_large)
             pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
             starts = np.array([np.concatenate([pilot, guess.values]) for pilot in pilots])
-            end = descend(joint, starts, COMPARED_TOLERANCE)
+            like = next((o for o in known if o.is_of(self.prediction, guess.model)), None)
+            end = descend(joint, starts, COMPARED_TOLERANCE, like)
+            if like and not end.cost.size:
+                return like
             fit = Optimum(joint, end, iterations=end.iterations, check=self.check)
             self._fits[guess.model] = fit
         return self._fits[guess.model]
@@ -545,7 +545,7 @@ def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     """Choices whose criterion is low on a first look, one of each optimum, best first."""
     firsts: list[tuple[Optimum, RemnantChoice]] = []
     for choice in choices:
-        if not any(fit.tells(choice.pilot) for fit, _ in firsts):
+        if not any(fit.tells_pilot(choice.pilot) for fit, _ in firsts):
             firsts.append((choice.suited_fit(known=[fit for fit, _ in firsts]), choice))
     firsts.sort(key=lambda first: (-first[0].rank, first[0].criterion))
     best, likely = firsts[0][0], dict[Optimum, RemnantChoice]()

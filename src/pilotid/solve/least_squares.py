@@ -247,6 +247,7 @@ def minimise(
     iterations: int = 60,
     above: float = math.inf,
     merge: bool = False,
+    is_known: Callable[[FloatArray, FloatArray], BoolArray] | None = None,
     sort: bool = True,
 ) -> Minima:
     """Minimise a sum of squares within bounds from every start, all at once.
@@ -270,6 +271,9 @@ def minimise(
         Cost above which an end is of no use: what promises no such end is given up.
     merge
         Whether a start is left out as soon as an optimum that another has come to tells its cost.
+    is_known
+        By values, shape (sets, parameters), and costs, which sets a known optimum tells: a start
+        that comes to one is left out, and none may be left.
     sort
         Whether the best end comes first; they are in the order of the starts otherwise.
     """
@@ -306,7 +310,9 @@ def minimise(
             away, excess = was - values[lead], cost - grams[lead, -1, -1]
             told = np.vecdot(away @ grams[lead, :-1, :-1], away)
             alone[going] = ~is_told(excess, told)
-            done |= ~alone[going]
+        if is_known:
+            alone[going] &= ~is_known(scale.leave(was), cost)
+        done |= ~alone[going]
         if done.any():
             was, old, learned, step, undamped, promised = (
                 each[~done] for each in (was, old, learned, step, undamped, promised)
