@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -411,6 +411,7 @@ def descend(
     starts: FloatArray | Minima,
     tolerance: float = 1e-10,
     known: Optimum | None = None,
+    above: float = math.inf,
 ) -> Minima:
     """The best optimum that starts lead to, as in `minimise`, to a tolerance.
 
@@ -418,8 +419,8 @@ def descend(
     what is compared is met.  Starts that a known optimum tells are left out.
     """
     is_known = known.tells if known else None
-    end = minimise(joint.gram, starts, joint, tolerance=tolerance, merge=True, is_known=is_known)
+    go = partial(minimise, joint.gram, space=joint, merge=True, is_known=is_known, above=above)
+    end = go(starts, tolerance=tolerance)
     if end.converged[:1].all():
         return end
-    tolerance = max(tolerance, COMPARED_TOLERANCE)
-    return minimise(joint.gram, end.only([0]), joint, tolerance=tolerance)
+    return go(end.only([0]), tolerance=max(tolerance, COMPARED_TOLERANCE))

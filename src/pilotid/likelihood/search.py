@@ -18,6 +18,7 @@ Steps 1 and 2 look at binned spectra, steps 3 and 4 at all samples.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
@@ -528,7 +529,10 @@ class RemnantChoice:
             pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
             starts = np.array([np.concatenate([pilot, guess.values]) for pilot in pilots])
             like = next((o for o in known if o.is_of(self.prediction, guess.model)), None)
-            end = descend(joint, starts, COMPARED_TOLERANCE, like)
+            far = math.inf
+            if like and like.rank == 2:  # of which no other can be higher
+                far = float(like.end.cost[0]) * math.exp(BEHIND_CRITERION / joint.residuals)
+            end = descend(joint, starts, COMPARED_TOLERANCE, like, far)
             if like and not end.cost.size:
                 return like
             fit = Optimum(joint, end, iterations=end.iterations, check=self.check)

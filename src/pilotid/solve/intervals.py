@@ -244,6 +244,7 @@ class ProfileSearch:
             goes on its side of the start.
         """
         close, sought = 0.04, target - self.lowest  # as a share of the distance
+        above = self.lowest + 9.0 * sought  # of which no more is asked than that it is outside
         origin = float(start[which])
         reach = float(near[which]) - origin
         bound = float((self.box.lower if reach < 0.0 else self.box.upper)[which])
@@ -253,7 +254,9 @@ class ProfileSearch:
         root_inside, root_outside = math.sqrt(max(cost - self.lowest, 0.0) / sought), math.inf
         distance = min(abs(reach), allowed)
         point, beyond = start, start
-        descend = partial(minimise, self.gram, tolerance=1e-5, iterations=20, merge=True)
+        descend = partial(
+            minimise, self.gram, tolerance=1e-5, iterations=20, merge=True, above=above
+        )
         for _ in range(14 if distance else 0):
             fixed = Box.holding(self.box, which, origin + math.copysign(distance, reach))
             end = descend(near[None], fixed)

@@ -303,8 +303,9 @@ def minimise(
         cost = old[:, -1, -1]
         done = promised <= tolerance * cost
         converged[going[done]] = True
-        # Far from the optimum what is promised says little.
+        # Far from the optimum what is promised says little; few leave unstable loops, and soon.
         done |= (cost < 1.02 * above) & (cost - PROMISE * promised > above)
+        done |= (cost > 100.0 * above) & (count > 4)
         if merge and converged.any():
             lead = min(np.flatnonzero(converged), key=lambda k: grams[k, -1, -1])
             away, excess = was - values[lead], cost - grams[lead, -1, -1]
