@@ -220,9 +220,10 @@ class Optimum:
         """Possible further decrease of the criterion of a fit that is only compared."""
         return 10.0 * COMPARED_TOLERANCE * self.joint.residuals
 
-    def is_of(self, prediction: Prediction, noise: NoiseModel) -> bool:
-        """Whether its likelihood is that of a prediction and a model of the remnant."""
-        return self.joint.prediction is prediction and self.joint.noise == noise
+    def cost_at(self, excess: float, noise: NoiseModel) -> float:
+        """The cost at which another model of the remnant has a criterion so much higher."""
+        more = 2.0 * (len(noise.keys) - len(self.joint.noise.keys))
+        return float(self.end.cost[0]) * math.exp((excess - more) / self.joint.residuals)
 
     def is_near(self, pilot: FloatArray) -> bool:
         """Whether a pilot, shape (parameters,), differs by no more than its errors."""

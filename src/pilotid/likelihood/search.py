@@ -528,11 +528,11 @@ class RemnantChoice:
             joint = Likelihood(self.prediction, guess.model, adjoint=self.prediction.is_large)
             pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
             starts = np.array([np.concatenate([pilot, guess.values]) for pilot in pilots])
-            like = next((o for o in known if o.is_of(self.prediction, guess.model)), None)
-            far = math.inf
-            if like and like.rank == 2:  # of which no other can be higher
-                far = float(like.end.cost[0]) * math.exp(BEHIND_CRITERION / joint.residuals)
-            end = descend(joint, starts, COMPARED_TOLERANCE, like, far)
+            peers = [o for o in known if o.joint.prediction is self.prediction]
+            like = next((o for o in peers if o.joint.noise == guess.model), None)
+            # Of a known pilot of the highest rank what is that far behind is no rival.
+            limits = [o.cost_at(BEHIND_CRITERION, guess.model) for o in peers if o.rank == 2]
+            end = descend(joint, starts, COMPARED_TOLERANCE, like, min(limits, default=math.inf))
             if like and not end.cost.size:
                 return like
             fit = Optimum(joint, end, iterations=end.iterations, check=self.check)
