@@ -53,10 +53,10 @@ def _written(polynomial: Sequence[float]) -> str:
     return f"({text})" if len(terms) > 1 else text
 
 
-#: Those of up to three poles, from the fewest parameters on.
+#: Those of up to three poles, without a zero first, from the fewest parameters on.
 FORMS = sorted(
     (Form(k, d, z) for k, d, z in product(range(3), range(4), range(2)) if z <= k + d <= 3),
-    key=lambda form: form.size,
+    key=lambda form: (form.zeros, form.size),
 )
 
 #: Where loops cross over [rad/s].
@@ -308,7 +308,7 @@ def fits_of(recording: Recording) -> tuple[FormFit, ...]:
     """Forms fitted to the measurement window, the simplest first, up to one that describes it."""
     spectra, fits = spectra_of(recording), list[FormFit]()
     for form in FORMS:
-        if any(f.form.size < form.size and f.unexplained.max() <= UNNOTICED**2 for f in fits):
+        if any(f.unexplained.max() <= UNNOTICED**2 for f in fits):
             break
         with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
             fits.append(fitted_form(spectra, form))
