@@ -7,10 +7,7 @@ import pytest
 
 from pilotid.datasets import CATALOGUE, Scenario
 from pilotid.datasets.population import drawn_element
-from pilotid.model.element import (
-    element_named,
-    parsed_element,
-)
+from pilotid.model.element import element_named, parsed_element
 from pilotid.support.types import InputError
 
 OMEGA = np.geomspace(0.1, 30.0, 20)

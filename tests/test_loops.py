@@ -9,13 +9,7 @@ from helpers import NOMINAL, PILOTS, SINGLE_LOOP, differences
 
 from pilotid.model.catalogue import MODELS, MULTI, SINGLE
 from pilotid.model.element import ControlledElement, element_named
-from pilotid.model.loops import (
-    is_stable,
-    loop_slopes,
-    margin,
-    margins,
-    open_loops,
-)
+from pilotid.model.loops import is_stable, loop_slopes, margin, margins, open_loops
 from pilotid.model.model import PilotModel
 from pilotid.support.types import FloatArray
 

@@ -156,10 +156,8 @@ def test_several_starts_end_as_each_alone_and_are_sorted_best_first() -> None:
     np.testing.assert_allclose(together.gram[:, -1, -1], together.cost, rtol=1e-12)
     for values, gram in zip(together.values, together.gram, strict=True):
         own = problem.gram(values[None])[0]
-        scale = np.sqrt(np.diag(own))
-        np.testing.assert_allclose(
-            gram / scale / scale[:, None], own / scale / scale[:, None], atol=1e-9
-        )
+        scale = np.sqrt(np.outer(np.diag(own), np.diag(own)))
+        np.testing.assert_allclose(gram / scale, own / scale, atol=1e-9)
 
 
 def test_a_start_that_meets_an_optimum_is_left_out_and_one_of_no_use_given_up() -> None:
@@ -172,6 +170,10 @@ def test_a_start_that_meets_an_optimum_is_left_out_and_one_of_no_use_given_up() 
     np.testing.assert_allclose(ends.values, [[1.0], [-0.995]], atol=1e-3)
     given_up = minimise(gram, np.array([[-0.99]]), space, above=0.0395)
     assert (given_up.iterations, given_up.converged.any()) == (1, False)
+    hopeless = minimise(gram, np.array([[-1.5]]), space, above=1e-9, tolerance=1e-14)
+    assert (hopeless.iterations, hopeless.converged.any()) == (5, False)
+    start = np.array([[1.6]])
+    assert not minimise(gram, start, space, is_known=lambda at, _: at[:, 0] < 1.1).cost.size
 
 
 def test_iteration_limit_is_kept_and_reported() -> None:

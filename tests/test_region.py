@@ -13,12 +13,7 @@ from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimate.estimate import Outcome, at_bounds
 from pilotid.likelihood import profile
 from pilotid.likelihood.optimum import Optimum
-from pilotid.likelihood.profile import (
-    off_bounds,
-    profile_about,
-    profile_likelihood,
-    with_profile,
-)
+from pilotid.likelihood.profile import off_bounds, profile_about, profile_likelihood, with_profile
 from pilotid.likelihood.search import maximise_likelihood
 from pilotid.methods.mle import MLE
 from pilotid.model.factors import Parameter
@@ -95,6 +90,23 @@ def test_where_a_parameter_has_no_influence_and_where_there_is_no_number() -> No
     (low, high), _ = profile_intervals(gram, plane(), minimum, 1.0, 2).intervals
     assert high == pytest.approx(np.sqrt(CHI_SQUARED_95), rel=1e-3)
     assert -1.5 <= low < -1.0
+
+
+def test_the_delay_of_a_gain_that_is_zero_may_be_any() -> None:
+    space = Box(np.array([1e-9, 0.0]), np.array([9.0, 1.0]), np.array([True, False]))
+
+    def gram(sets: FloatArray) -> FloatArray:
+        """The deviance is k^2 + 2 k cos(t), least at k = 0."""
+        k, c, s = sets[:, 0], *(turn(sets[:, 1]) for turn in (np.cos, np.sin))
+        rows = np.array([[-c, -s], [k * s, -k * c], [1.0 + k * c, k * s]]).transpose(2, 0, 1)
+        return np.asarray(rows @ rows.transpose(0, 2, 1))
+
+    minimum = minimise(gram, np.array([[0.5, 0.5]]), space)
+    gain, delay = profile_intervals(gram, space, minimum, 1.0, 2).intervals
+    assert gain[1] == pytest.approx(
+        np.sqrt(CHI_SQUARED_95 + np.cos(1.0) ** 2) - np.cos(1.0), rel=0.05
+    )
+    assert (gain[0], *delay) == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
 
 
 def test_where_the_optimum_is_at_a_bound_others_are_sought_inside() -> None:

@@ -10,12 +10,7 @@ from scipy.signal import lfilter
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimate.quantities import real_parts
-from pilotid.spectral.regression import (
-    Regression,
-    Structure,
-    information_criterion,
-    lagged_rows,
-)
+from pilotid.spectral.regression import Regression, Structure, information_criterion, lagged_rows
 from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -10,7 +10,7 @@ goes in four steps, of which the first alone fixes the analysis band:
 2. `sweep`: whitened by that remnant, from that pilot with each parameter in turn moved to the ends
    of its usual range and, without forcing frequencies, from usual pilots at random.
 3. Each optimum of the sweep that simulates the control, with remnant models of its own; the lines'
-   pilot, too, unless the likelihood at one of these tells what it costs.
+   pilot, too.  A search ends as it comes into the valley of an optimum that is known.
 4. The best of them, and those that are as likely.
 
 Steps 1 and 2 look at binned spectra, steps 3 and 4 at all samples.
@@ -18,7 +18,6 @@ Steps 1 and 2 look at binned spectra, steps 3 and 4 at all samples.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
@@ -31,6 +30,7 @@ from pilotid.estimate.warnings import lines_objection, one_signal
 from pilotid.likelihood.band_likelihood import weighting_of
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import (
+    BEHIND_CRITERION,
     COMPARED_TOLERANCE,
     COMPETING_CRITERION,
     SAME_OPTIMUM_DISTANCE,
@@ -72,9 +72,6 @@ LOOK_CRITERION = 20.0
 #: behind it was the best in 4 of 284 pairs, filters behind autoregressions in 32 of 104 (six
 #: populations, seeds 3000 to 3119).
 LOOK_REGRESSION = 8.0
-#: Tuned: behind what is known by more no other model of the remnant is tried at a pilot: it made up
-#: for more in 4 of 1,563 pairs (those populations and five other strata).
-BEHIND_CRITERION = 40.0
 #: Tuned: by which the criterion may be higher of other models of the remnant, beside which
 #: intervals are sought too (hard remnants: coverage .931 without, .956; with 5 a tenth slower).
 RIVAL_CRITERION = 3.0
@@ -278,7 +275,7 @@ def first_fit(
             few = prediction.binned_below(SEARCH_BAND)
             white = Likelihood(replace(few, weighting=None))
             ends = search(white.gram, model, rng, candidates=CANDIDATES, refined=REFINED)
-            pilots = np.concatenate([ends.distinct(), known])
+            pilots = np.concatenate([optima(ends, white.residuals, far=300.0)[0], known])
         joint = Likelihood(prediction, settings.noise or FIRST_NOISE_MODEL)
         first = Optimum(joint, with_remnants(joint, pilots))
         if wide_enough(first):
@@ -503,14 +500,16 @@ class RemnantChoice:
         residual, band = self.prediction.errors(self.pilot), self.prediction.window.band
         models = [self.noise] if self.noise else models
         every = contenders(residual, band) if models is None else guesses(residual, band, models)
+        # Beside a remnant of the same model a known optimum is told.
+        alike, least = guesses(residual, band, [o.joint.noise for o in known]), every[0].criterion
         fits = list[Optimum]()
-        for guess in every:
-            behind = guess.criterion - every[0].criterion if guess.model.regressive else 0.0
+        for guess in {each.model: each for each in (*alike, *every)}.values():
+            behind = guess.criterion - least if guess.model.regressive else 0.0
             if fits and fits[0].is_sound_filter and behind > LOOK_REGRESSION:
                 continue
             fit = self._fitted(guess, known)
             fits.append(fit)
-            lost = [each for each in known if fit.criterion > each.criterion + BEHIND_CRITERION]
+            lost = [o for o in known if fit.criterion > o.criterion + BEHIND_CRITERION]
             if any(fit.is_near(o.pilot) for o in known) or any(fit.rank <= o.rank for o in lost):
                 break
         if not (self.noise or any(fit.is_invertible for fit in fits)):
@@ -528,11 +527,9 @@ class RemnantChoice:
             joint = Likelihood(self.prediction, guess.model, adjoint=self.prediction.is_large)
             pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
             starts = np.array([np.concatenate([pilot, guess.values]) for pilot in pilots])
-            peers = [o for o in known if o.joint.prediction is self.prediction]
-            like = next((o for o in peers if o.joint.noise == guess.model), None)
-            # Of a known pilot of the highest rank what is that far behind is no rival.
-            limits = [o.cost_at(BEHIND_CRITERION, guess.model) for o in peers if o.rank == 2]
-            end = descend(joint, starts, COMPARED_TOLERANCE, like, min(limits, default=math.inf))
+            of = self.prediction, guess.model
+            like = next((o for o in known if (o.joint.prediction, o.joint.noise) == of), None)
+            end = descend(joint, starts, COMPARED_TOLERANCE, like)
             if like and not end.cost.size:
                 return like
             fit = Optimum(joint, end, iterations=end.iterations, check=self.check)
@@ -549,8 +546,7 @@ def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
     """Choices whose criterion is low on a first look, one of each optimum, best first."""
     firsts: list[tuple[Optimum, RemnantChoice]] = []
     for choice in choices:
-        if not any(fit.tells_pilot(choice.pilot) for fit, _ in firsts):
-            firsts.append((choice.suited_fit(known=[fit for fit, _ in firsts]), choice))
+        firsts.append((choice.suited_fit(known=[fit for fit, _ in firsts]), choice))
     firsts.sort(key=lambda first: (-first[0].rank, first[0].criterion))
     best, likely = firsts[0][0], dict[Optimum, RemnantChoice]()
     for fit, choice in firsts:

@@ -244,7 +244,6 @@ class ProfileSearch:
             goes on its side of the start.
         """
         close, sought = 0.04, target - self.lowest  # as a share of the distance
-        above = self.lowest + 9.0 * sought  # of which no more is asked than that it is outside
         origin = float(start[which])
         reach = float(near[which]) - origin
         bound = float((self.box.lower if reach < 0.0 else self.box.upper)[which])
@@ -254,9 +253,9 @@ class ProfileSearch:
         root_inside, root_outside = math.sqrt(max(cost - self.lowest, 0.0) / sought), math.inf
         distance = min(abs(reach), allowed)
         point, beyond = start, start
-        descend = partial(
-            minimise, self.gram, tolerance=1e-5, iterations=20, merge=True, above=above
-        )
+        # What is far outside need not be known.
+        far = target + 8.0 * sought
+        descend = partial(minimise, self.gram, tolerance=1e-5, iterations=20, merge=True, above=far)
         for _ in range(14 if distance else 0):
             fixed = Box.holding(self.box, which, origin + math.copysign(distance, reach))
             end = descend(near[None], fixed)
@@ -426,9 +425,8 @@ def profile_intervals(
         values = scale.leave(points)
         grams = scale.inner(gram(values), values)
         # A search would chase what has no influence, such as the delay of a gain that is zero.
-        sizes = grams.diagonal(axis1=1, axis2=2)[:, :-1] * room**2
-        slopes = 2.0 * np.abs(grams[:, :-1, -1]) * room
-        for each, k in np.argwhere(sizes + slopes < 0.01 * variance).tolist():
+        curved, slopes = grams.diagonal(axis1=1, axis2=2)[:, :-1], np.abs(grams[:, :-1, -1])
+        for each, k in np.argwhere((curved * room + 2.0 * slopes) * room < 0.01 * variance):
             grams[each, k], grams[each, :, k], grams[each, k, k] = 0.0, 0.0, 1.0
         return grams
 

@@ -223,15 +223,6 @@ class Minima:
         # Nothing is left where the residual is without noise.
         return float(step @ information @ step) * residuals / max(float(self.cost[which]), 1e-300)
 
-    def distinct(self, same: float = 3e-3, far: float = 0.1) -> FloatArray:
-        """One end point of each optimum that may be the best one.
-
-        Ends are the same optimum where their costs differ by less than the share `same`,
-        and are left out where they exceed the lowest cost by more than the share `far`.
-        """
-        steps = np.diff(self.cost, prepend=-np.inf) > same * np.abs(self.cost)
-        return np.asarray(self.values[steps & (self.cost <= (1.0 + far) * self.cost[0])])
-
 
 def is_told(excess: FloatArray, told: FloatArray) -> BoolArray:
     """Whether costs above an optimum's are those that its curvature tells, to a factor of two."""
