@@ -494,8 +494,8 @@ class RemnantChoice:
         """The best of some models, each with the pilot that goes with it.
 
         None for those that suit what the pilot leaves, without autoregressions far behind a filter.
-        It is as exact as is compared.  After a fit that falls behind what is known, or is the same,
-        no other is made.
+        It is as exact as is compared.  Models of what is known come first; after a fit that falls
+        behind it, or is the same, no other is made.
         """
         residual, band = self.prediction.errors(self.pilot), self.prediction.window.band
         models = [self.noise] if self.noise else models
