@@ -273,7 +273,7 @@ def test_beside_what_is_known_or_far_ahead_no_other_remnant_is_fitted(
     prediction = predict(recording, NOMINAL.model, 50.0)
     at = search.RemnantChoice(prediction, TRUTH, LowPass(2)).suited_fit()
     far = replace(at, end=replace(at.end, values=at.end.values * 1.5))
-    monkeypatch.setattr(search, "contenders", lambda *of: guesses(*of, [LowPass(2), LowPass(1)]))
+    monkeypatch.setattr(search, "contenders", lambda *a: guesses(*a[:2], [LowPass(2), LowPass(1)]))
     for known, behind, fits in (([], 0.0, 2), ([at], 1e5, 0), ([far], 1e5, 2), ([far], -1e5, 1)):
         monkeypatch.setattr(search, "BEHIND_CRITERION", behind)
         choice = search.RemnantChoice(prediction, TRUTH, None)

@@ -166,8 +166,9 @@ class WhiteLikelihood:
         covariance = covariance_of(gram[:-1, :-1], variance)
         if covariance is None:
             return replace(failed(self.name, model, Outcome.SINGULAR), starts=starts)
-        found, is_end = (recording, model, values, covariance), bool(end.converged[0])
-        estimate = make_estimate(self.name, *found, converged=is_end)
+        estimate = make_estimate(
+            self.name, recording, model, values, covariance, converged=bool(end.converged[0])
+        )
         return replace(
             estimate,
             iterations=search.iterations + end.iterations,

@@ -339,9 +339,9 @@ class Optimum:
         weighting, nyquist = prediction.weighting, math.pi / prediction.dt
         if weighting is None:
             return AnalysedBand(nyquist, "direct")
-        counting = weighting.omega[weighting.share > 0.0]
-        seen = weighting.omega, weighting.share, floors_of(recording).floor
-        return AnalysedBand(float(counting[-1]), "band", *seen, weighting.element.name)
+        omega, share, floor = weighting.omega, weighting.share, floors_of(recording).floor
+        highest = float(omega[share > 0.0][-1])
+        return AnalysedBand(highest, "band", omega, share, floor, weighting.element.name)
 
     @cached_property
     def search_problem(self) -> Likelihood:

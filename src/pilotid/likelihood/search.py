@@ -425,8 +425,8 @@ def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
 _criterion = attrgetter("criterion")
 
 
-def contenders(residual: FloatArray, band: Band) -> list[Guess]:
-    """The model that suits a residual best, and the best of the other kind if it is close.
+def contenders(residual: FloatArray, band: Band, known: Sequence[NoiseModel] = ()) -> list[Guess]:
+    """Known models, the one that suits a residual best, and the best other kind if it is close.
 
     The kinds are filters of white noise and autoregressions.  Beside a band-pass stands the best
     low-pass as well: whether there is a corner is for the penalty on band-passes to decide.
@@ -435,13 +435,17 @@ def contenders(residual: FloatArray, band: Band) -> list[Guess]:
     ----------
     residual, band
         See `pilotid.likelihood.remnant_models.guesses`.
+    known
+        Models that come first in any case.
     """
     scored = sorted(guesses(residual, band), key=_criterion)
     best = {type(each.model): each for each in reversed(scored)}
     if best[LowPass].criterion <= best[BandPass].criterion:
         del best[BandPass]
     limit = scored[0].criterion + LOOK_CRITERION
-    return [each for each in sorted(best.values(), key=_criterion) if each.criterion < limit]
+    first = [each for model in known for each in scored if each.model == model]
+    near = [each for each in sorted(best.values(), key=_criterion) if each.criterion < limit]
+    return [*{each.model: each for each in (*first, *near)}.values()]
 
 
 @dataclass(eq=False)
@@ -483,9 +487,8 @@ class RemnantChoice:
                 break
             best = better
         fits = self._fits.values()
-        rivals = [
-            f for f in fits if best.criterion < f.criterion < best.criterion + RIVAL_CRITERION
-        ]
+        limit = best.criterion + RIVAL_CRITERION
+        rivals = [fit for fit in fits if best.criterion < fit.criterion < limit]
         return replace(best, iterations=sum(fit.iterations for fit in fits), rivals=rivals)
 
     def suited_fit(
@@ -497,13 +500,12 @@ class RemnantChoice:
         It is as exact as is compared.  Models of what is known come first; after a fit that falls
         behind it, or is the same, no other is made.
         """
-        residual, band = self.prediction.errors(self.pilot), self.prediction.window.band
+        given = self.prediction.errors(self.pilot), self.prediction.window.band
         models = [self.noise] if self.noise else models
-        every = contenders(residual, band) if models is None else guesses(residual, band, models)
-        # Beside a remnant of the same model a known optimum is told.
-        alike, least = guesses(residual, band, [o.joint.noise for o in known]), every[0].criterion
-        fits = list[Optimum]()
-        for guess in {each.model: each for each in (*alike, *every)}.values():
+        alike = [o.joint.noise for o in known]  # beside whose remnant a known optimum is told
+        every = contenders(*given, alike) if models is None else guesses(*given, models)
+        fits, least = list[Optimum](), min(map(_criterion, every))
+        for guess in every:
             behind = guess.criterion - least if guess.model.regressive else 0.0
             if fits and fits[0].is_sound_filter and behind > LOOK_REGRESSION:
                 continue
@@ -514,7 +516,7 @@ class RemnantChoice:
                 break
         if not (self.noise or any(fit.is_invertible for fit in fits)):
             filters = [model for model in NOISE_MODELS if not model.regressive]
-            fits += [self._fitted(guess) for guess in guesses(residual, band, filters)]
+            fits += [self._fitted(guess) for guess in guesses(*given, filters)]
         best = min(fits, key=_criterion)
         near = [fit for fit in fits if not fit.criterion > best.criterion + best.remaining_decrease]
         best = best if len(near) == 1 else min(map(self._refined, near), key=_criterion)
