@@ -7,8 +7,9 @@ goes in four steps, of which the first alone fixes the analysis band:
 
 1. `first_fit`: the pilot of the forcing frequencies alone, where there are any, or else that of a
    white residual, with a second-order remnant; in the first analysis band that is wide enough.
-2. `sweep`: whitened by that remnant, from that pilot with each parameter in turn moved to the ends
-   of its usual range and, without forcing frequencies, from usual pilots at random.
+2. `sweep`, but where there are forcing frequencies and the first pilot is well known: whitened by
+   that remnant, from that pilot with each parameter in turn moved to the ends of its usual range
+   and, without forcing frequencies, from usual pilots at random.
 3. Each optimum of the sweep that simulates the control, with remnant models of its own; the lines'
    pilot, too.  A search ends as it comes into the valley of an optimum that is known.
 4. The best of them, and those that are as likely.
@@ -127,7 +128,11 @@ def maximise_likelihood(
     """
     lines = lines_pilot(recording, model, rng)
     first = first_fit(recording, model, settings, lines, rng)
-    candidates, starts, check = sweep(first, rng, lines)
+    first = replace(first, check=PilotCheck(first.joint.prediction.binned, lines))
+    pilots, starts = [first.pilot], None
+    if not (len(lines) and first.is_well_known):
+        candidates, starts = sweep(first, rng, lines)
+        pilots = [*candidates, *lines]  # the lines' pilot rests on no model of the remnant
     whole = first.joint.prediction
     of_lag: dict[bool, Prediction] = {}
 
@@ -136,7 +141,7 @@ def maximise_likelihood(
         outlasts = whole.outlasting_lag(pilot) > 0.0
         if outlasts not in of_lag:
             of_lag[outlasts] = whole.with_noticeable_terms(pilot, first.whitener)
-        return RemnantChoice(of_lag[outlasts], pilot, noise, check)
+        return RemnantChoice(of_lag[outlasts], pilot, noise, first.check)
 
     def fitted(choice: RemnantChoice) -> Optimum:
         """Its best fit, again with other terms where the lag ends as one of the other kind."""
@@ -144,8 +149,7 @@ def maximise_likelihood(
         own = choice_at(fit.pilot, choice.noise)
         return fit if own.prediction is choice.prediction else own.full_fit()
 
-    # The lines' pilot rests on no model of the remnant.
-    likely = _likely([choice_at(pilot, settings.noise) for pilot in (*candidates, *lines)])
+    likely = _likely([choice_at(pilot, settings.noise) for pilot in pilots])
     best, others = _best_and_others([fitted(choice) for choice in likely])
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
     for _ in range(4):
@@ -323,13 +327,13 @@ def wide_enough(first: Optimum) -> bool:
 
 def sweep(
     first: Optimum, rng: np.random.Generator, lines: FloatArray
-) -> tuple[FloatArray, Starts, PilotCheck]:
+) -> tuple[FloatArray, Starts]:
     """Search the candidates, whitened by the remnant of the first pilot.
 
     Parameters
     ----------
     first
-        The first pilot.
+        The first pilot, with its check.
     rng
         Draws the random starts.
     lines
@@ -337,10 +341,10 @@ def sweep(
 
     Returns
     -------
-    Pilots, best first, shape (candidates, parameters); how many starts ended in the best optimum;
-    which parameters simulate the control as a pilot does.
+    Pilots, best first, shape (candidates, parameters); how many starts ended in the best optimum.
     """
-    coarse = first.joint.prediction.binned
+    coarse, check = first.joint.prediction.binned, first.check
+    assert check is not None
     # Least squares of prediction errors, without what the loop adds in a band.
     whitened = Likelihood(replace(coarse, weighting=None), Whitener(first.whitener))
     model, samples = coarse.model, whitened.residuals
@@ -354,7 +358,6 @@ def sweep(
     on = rough.values[[group[0] for group in met]]
     ends = minimise(whitened.gram, on, model, tolerance=1e-3, iterations=16, sort=False)
     sizes = np.array([len(group) for group in met])
-    check = PilotCheck(coarse, lines)
     kept = check.which(ends)
     passed = ends.only(np.repeat(kept, sizes[kept])).best_first()
     # The whitening of the sweep favours the pilot that it is from.
@@ -366,7 +369,7 @@ def sweep(
         candidates = optima(rematched, samples, far=300.0)[0][:5, : first.joint.pilot_count]
     given_up = np.delete(rough.cost, [start for group in met for start in group])
     cost = np.sort(np.concatenate([np.repeat(ends.cost, sizes), given_up]))
-    return candidates, Starts(cost / cost[0], agreeing), check
+    return candidates, Starts(cost / cost[0], agreeing)
 
 
 def _starts(
