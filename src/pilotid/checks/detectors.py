@@ -124,7 +124,9 @@ class _Look:
             # The side lobes of a window cos^4 fall by 30 dB an octave.
             transform = np.fft.rfft(signal * np.hanning(signal.shape[1]) ** 2)
             power = np.mean(np.abs(transform) ** 2, axis=0)
-            middle = np.array([np.median(power[begin:end]) for begin, end in bands])
+            # Medians, by sorting: what numpy has for it takes ten times as long for so few.
+            halves = [np.sort(power[a:b])[[(b - a - 1) // 2, (b - a) // 2]] for a, b in bands]
+            middle = np.mean(halves, axis=1)
             level = 10.0 * np.log10(middle + 1e-300)
             slope, at = level[3:] - level[:-3], hertz[:-3]
             known = (at > 1.0) & (bins[:-3] >= 10)  # of fewer bins no level is told

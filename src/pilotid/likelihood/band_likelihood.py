@@ -192,7 +192,8 @@ class BandTerms:
         to 0 (a gain at rest), -90 or -180 deg (integrators), less 180 deg for each unstable pole
         of the element; each unstable pole of the loop adds 180 deg.
         """
-        phase = np.unwrap(np.angle(closed[:, ::-1]), axis=1)[:, -1]
+        turned = np.angle(closed[:, :-1] * closed[:, 1:].conj()).sum(axis=1)
+        phase = np.angle(closed[:, -1]) + turned
         return np.asarray(phase + np.pi * self.unstable < np.pi / 3.0)
 
     def of_loop(self, closed: ComplexArray) -> FloatArray:

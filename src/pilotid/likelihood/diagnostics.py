@@ -187,7 +187,7 @@ def drift_left(joint: Likelihood, values: FloatArray) -> tuple[float, FloatArray
     """
     pilot, band = values[: joint.pilot_count], joint.band
     terms = tuple(dict.fromkeys((0.0, *joint.prediction.nuisance_poles)))  # an offset is no drift
-    prediction = replace(joint.prediction, nuisance_poles=terms)
+    prediction = replace(joint.prediction, nuisance_poles=terms, weighting=None)  # rows alone count
     line = prediction.without_nuisance(np.linspace(-0.5, 0.5, prediction.window.scored))
     residual = prediction.errors(pilot)
     flat = residual - np.outer(residual @ line, line) / (line @ line)

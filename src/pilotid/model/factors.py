@@ -340,8 +340,10 @@ def exponential(seconds: FloatArray, s: ComplexArray) -> ComplexArray:
     On an even grid, as that of a transform, a coarse and a fine grid are multiplied, for a product
     takes a tenth of the time of an exponential.
     """
+    if s.size < 8 * STRIDE:
+        return np.exp(seconds * s)
     steps = np.diff(s)
-    if s.size < 8 * STRIDE or np.abs(steps - steps[0]).max() > 1e-9 * abs(steps[0]):
+    if np.abs(steps - steps[0]).max() > 1e-9 * abs(steps[0]):
         return np.exp(seconds * s)
     coarse, fine = np.exp(seconds * s[::STRIDE]), np.exp(seconds * (steps[0] * np.arange(STRIDE)))
     products = coarse[..., :, None] * fine[..., None, :]

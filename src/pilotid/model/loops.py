@@ -46,7 +46,7 @@ class Margin:
 def pilot_on(
     model: PilotModel, omega: FloatArray, values: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Hpe and Hpx in u = Hpe e - Hpx x, each of shape (n,)."""
+    """Hpe and Hpx in u = Hpe e - Hpx x, each of shape (n,), or (sets, n) of sets of values."""
     on = pilot_on_each(model, model.response(omega, values))
     return on["e"] + on["ft"], -on["x"] - on["ft"]
 
@@ -168,16 +168,17 @@ def are_stable(model: PilotModel, sets: FloatArray, element: ControlledElement) 
     """
     omega = np.concatenate(([0.0], STABILITY_GRID))
     s = 1j * omega
-    pilot = np.array([sum(pilot_on(model, omega, values)) for values in sets])
+    pilot = np.add(*pilot_on(model, omega, sets))
     denominator = np.polyval(element.denominator, s)
     around = np.polyval(element.numerator, s) * np.exp(-element.delay * s) * pilot
-    turn = np.unwrap(np.angle(denominator + around), axis=1)
+    closed = denominator + around
+    turned = np.angle(closed[:, 1:] * closed[:, :-1].conj()).sum(axis=1)
     loop = around[:, -1] / denominator[-1]
     # From the end of the grid on the element's denominator turns alone.
     roots = np.angle(s[-1] - np.roots(element.denominator)) % (2.0 * np.pi)
     roots -= 2.0 * np.pi * (roots > 1.5 * np.pi)
     rest = 0.5 * np.pi * len(roots) - float(np.sum(roots)) - np.angle(1.0 + loop)
-    whole = turn[:, -1] - turn[:, 0] + rest
+    whole = turned + rest
     degree = len(element.denominator) - 1
     poles = np.round((degree - whole / (np.pi / 2.0)) / 2.0)
     return np.asarray((poles == 0.0) & (np.abs(loop) < 1.0))

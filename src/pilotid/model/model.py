@@ -385,20 +385,20 @@ class PilotModel:
         omega
             Frequencies [rad/s], shape (n,).
         values
-            Parameters in model order, shape (parameters,).
+            Parameters in model order, shape (parameters,) or (sets, parameters).
 
         Returns
         -------
         ComplexArray
-            Shape (channels, n).
+            Shape (channels, n), or (channels, sets, n).
         """
         self.require_constant()
         s = 1j * np.asarray(omega, dtype=float)
         result = []
         for channel, layout in zip(self.channels, self.layout, strict=True):
-            response: ComplexArray = np.ones_like(s)
+            response = np.ones((*values.shape[:-1], s.size), dtype=complex)
             for factor, indices in layout:
-                response = response * factor.response(s, [values[i, None] for i in indices])
+                response = response * factor.response(s, [values[..., i, None] for i in indices])
             result.append(response * s**channel.derivative)
         return np.array(result)
 
