@@ -216,11 +216,6 @@ class Optimum:
         penalty += joint.residuals * math.log(scaling)
         return criterion(joint.noise, power, samples, joint.pilot_count + amplitudes) + penalty
 
-    @property
-    def remaining_decrease(self) -> float:
-        """Possible further decrease of the criterion of a fit that is only compared."""
-        return 10.0 * COMPARED_TOLERANCE * self.joint.residuals
-
     def is_near(self, pilot: FloatArray) -> bool:
         """Whether a pilot, shape (parameters,), differs by no more than its errors."""
         return self.end.apart(pilot, self.joint.residuals) <= SAME_OPTIMUM_DISTANCE

@@ -27,7 +27,7 @@ import numpy as np
 
 from pilotid.estimate.estimate import Starts, is_at_bound
 from pilotid.estimate.loops import are_pilots
-from pilotid.estimate.warnings import lines_objection, one_signal
+from pilotid.estimate.warnings import lines_objection
 from pilotid.likelihood.band_likelihood import weighting_of
 from pilotid.likelihood.likelihood import Likelihood
 from pilotid.likelihood.optimum import (
@@ -162,29 +162,12 @@ def maximise_likelihood(
         rivals = best.rivals
         best, others = _best_and_others([choice.full_fit() for choice in again])
         best = replace(best, rivals=rivals)
-    if exchanged := _exchanged(best, recording):
-        best, others = _best_and_others([best, *others, *exchanged])
     ordered = model.ordered(best.pilot[None])[0]
     if np.any(ordered != best.pilot):
         best = best.restarted_at(np.concatenate([ordered, best.values[len(ordered) :]]))
     end = with_information(best.end, best.joint.gram)
     best = replace(best, end=end, starts=starts, lines_pilot=[*lines], others=others)
     return replace(best, rivals=[*best.rivals, *_with_jumps_at_samples(best, recording)])
-
-
-def _exchanged(best: Optimum, recording: Recording) -> list[Optimum]:
-    """Optima from delays of two channels exchanged; none where they act on signals of their own.
-
-    On one signal either channel may be the other.
-    """
-    model = best.joint.prediction.model
-    delays = list(model.delays)
-    if len(delays) != 2 or not one_signal(recording, model):
-        return []
-    starts = np.tile(best.values, (2, 1))
-    starts[:, delays] = starts[:, delays[::-1]]
-    starts[1, model.indices_of(Lead)] *= 2.0
-    return [best.restarted_at(start) for start in starts]
 
 
 def _with_jumps_at_samples(best: Optimum, recording: Recording) -> list[Optimum]:
@@ -484,8 +467,6 @@ class RemnantChoice:
         # Of many long autoregressions the first that suits depends on where the search came from.
         while others := [] if self.noise else neighbours(best.joint.noise):
             better = self.suited_fit(others)
-            if abs(better.criterion - best.criterion + 0.1) < best.remaining_decrease:
-                best, better = self._refined(best), self._refined(better)
             if not better.criterion < best.criterion - 0.1:
                 break
             best = better
@@ -521,8 +502,6 @@ class RemnantChoice:
             filters = [model for model in NOISE_MODELS if not model.regressive]
             fits += [self._fitted(guess) for guess in guesses(*given, filters)]
         best = min(fits, key=_criterion)
-        near = [fit for fit in fits if not fit.criterion > best.criterion + best.remaining_decrease]
-        best = best if len(near) == 1 else min(map(self._refined, near), key=_criterion)
         self.pilot = best.pilot
         return best
 
@@ -540,11 +519,6 @@ class RemnantChoice:
             fit = Optimum(joint, end, iterations=end.iterations, check=self.check)
             self._fits[guess.model] = fit
         return self._fits[guess.model]
-
-    def _refined(self, fit: Optimum) -> Optimum:
-        """A fit to the tolerance of what is reported, made when it is first asked for."""
-        fit = self._fits[fit.joint.noise] = fit.refined()
-        return fit
 
 
 def _likely(choices: list[RemnantChoice]) -> list[RemnantChoice]:
