@@ -246,11 +246,12 @@ class Optimum:
         Errors of a gain and a lead do not count: along their product is a valley, but one optimum.
         A slow lag with a lead is much like a gain.
         """
-        model, covariance = self.joint.prediction.model, covariance_of(self.information, self.variance)
+        model = self.joint.prediction.model
+        covariance = covariance_of(self.information, self.variance)
         if covariance is None or self.is_slow or self.rank < 2:
             return False
         leading = [at for at in model.layout if any(isinstance(f, Lead) for f, _ in at)]
-        along = [i for at in leading for f, which in at if isinstance(f, Gain | Lead) for i in which]
+        along = [i for at in leading for f, own in at if isinstance(f, Gain | Lead) for i in own]
         errors = np.sqrt(np.diag(covariance)[: self.joint.pilot_count])
         return not np.delete(errors > WELL_KNOWN * np.abs(self.pilot), along).any()
 

@@ -308,9 +308,7 @@ def wide_enough(first: Optimum) -> bool:
 # ------------------------------------------------------------------------------ 2. the sweep
 
 
-def sweep(
-    first: Optimum, rng: np.random.Generator, lines: FloatArray
-) -> tuple[FloatArray, Starts]:
+def sweep(first: Optimum, rng: np.random.Generator, lines: FloatArray) -> tuple[FloatArray, Starts]:
     """Search the candidates, whitened by the remnant of the first pilot.
 
     Parameters

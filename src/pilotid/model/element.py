@@ -6,7 +6,7 @@ import ast
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import reduce
+from functools import lru_cache, reduce
 from math import factorial
 from operator import add, mul, sub, truediv
 from typing import TYPE_CHECKING, Any
@@ -244,6 +244,7 @@ def parsed_element(text: str) -> ControlledElement | None:
         return None
 
 
+@lru_cache(maxsize=64)
 def element_named(text: str) -> ControlledElement:
     """As `parsed_element`; `InputError` for a text that is none, which says where."""
     try:
