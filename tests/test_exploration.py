@@ -98,6 +98,8 @@ def test_optima_are_told_apart_by_the_information() -> None:
     assert agreeing == 2
     assert group_by_optimum(ends, samples=100) == [[0, 1], [2], [3]]
     assert group_by_optimum(ends.only(np.array([2, 1, 0])), samples=100) == [[0], [1, 2]]
+    many = minima_at(np.arange(20.0)[:, None] * 9.0, np.ones(20))
+    assert len(optima(many, samples=100, far=1.0)[0]) == 20
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

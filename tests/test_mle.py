@@ -223,9 +223,7 @@ def test_bias_of_the_white_residual_is_gone() -> None:
 
 
 @pytest.mark.long
-def test_no_start_inside_the_bounds_leads_away_from_who_is_well_known(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_no_start_leads_away_from_who_is_well_known(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(4)
     low, high = np.maximum(MULTI.lower, 1e-3), MULTI.upper
     for seed in range(12):

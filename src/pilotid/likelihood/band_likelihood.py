@@ -30,6 +30,7 @@ from pilotid.checks.element_fit import closing_element
 from pilotid.likelihood.prepare import FAR
 from pilotid.likelihood.remnant_models import APART, are_invertible
 from pilotid.model.element import ControlledElement
+from pilotid.model.loops import turn
 from pilotid.model.model import PilotModel
 from pilotid.recording.recording import Recording
 from pilotid.recording.spectra import floors_of, periodogram, running_median
@@ -192,8 +193,7 @@ class BandTerms:
         to 0 (a gain at rest), -90 or -180 deg (integrators), less 180 deg for each unstable pole
         of the element; each unstable pole of the loop adds 180 deg.
         """
-        turned = np.angle(closed[:, :-1] * closed[:, 1:].conj()).sum(axis=1)
-        phase = np.angle(closed[:, -1]) + turned
+        phase = np.angle(closed[:, -1]) - turn(closed)
         return np.asarray(phase + np.pi * self.unstable < np.pi / 3.0)
 
     def of_loop(self, closed: ComplexArray) -> FloatArray:

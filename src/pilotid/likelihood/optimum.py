@@ -248,12 +248,13 @@ class Optimum:
         """
         model = self.joint.prediction.model
         covariance = covariance_of(self.information, self.variance)
-        if covariance is None or self.is_slow or self.rank < 2:
+        if covariance is None or self.is_slow:
             return False
         leading = [at for at in model.layout if any(isinstance(f, Lead) for f, _ in at)]
         along = [i for at in leading for f, own in at if isinstance(f, Gain | Lead) for i in own]
         errors = np.sqrt(np.diag(covariance)[: self.joint.pilot_count])
-        return not np.delete(errors > WELL_KNOWN * np.abs(self.pilot), along).any()
+        is_open = np.delete(errors > WELL_KNOWN * np.abs(self.pilot), along).any()
+        return not is_open and self.rank == 2  # last, as it takes time
 
     @property
     def is_slow(self) -> bool:

@@ -149,6 +149,12 @@ def margins(
 STABILITY_GRID = np.geomspace(0.01, 400.0, 600)
 
 
+def turn(responses: ComplexArray) -> FloatArray:
+    """By how much phases turn from the first to the last frequency [rad], along the last axis."""
+    ratios = responses[..., 1:] * responses[..., :-1].conj()
+    return np.asarray(np.angle(ratios).sum(axis=-1))
+
+
 def are_stable(model: PilotModel, sets: FloatArray, element: ControlledElement) -> BoolArray:
     """Whether the closed loop of each pilot is stable, shape (sets,); delays are exact.
 
@@ -171,14 +177,12 @@ def are_stable(model: PilotModel, sets: FloatArray, element: ControlledElement) 
     pilot = np.add(*pilot_on(model, omega, sets))
     denominator = np.polyval(element.denominator, s)
     around = np.polyval(element.numerator, s) * np.exp(-element.delay * s) * pilot
-    closed = denominator + around
-    turned = np.angle(closed[:, 1:] * closed[:, :-1].conj()).sum(axis=1)
     loop = around[:, -1] / denominator[-1]
     # From the end of the grid on the element's denominator turns alone.
     roots = np.angle(s[-1] - np.roots(element.denominator)) % (2.0 * np.pi)
     roots -= 2.0 * np.pi * (roots > 1.5 * np.pi)
     rest = 0.5 * np.pi * len(roots) - float(np.sum(roots)) - np.angle(1.0 + loop)
-    whole = turned + rest
+    whole = turn(denominator + around) + rest
     degree = len(element.denominator) - 1
     poles = np.round((degree - whole / (np.pi / 2.0)) / 2.0)
     return np.asarray((poles == 0.0) & (np.abs(loop) < 1.0))
