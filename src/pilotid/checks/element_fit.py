@@ -1,9 +1,9 @@
 """The controlled element that a recording shows: identified from u, fd and x.
 
 x = Hc (u + fd) holds in the recording almost without noise, so that a few forms of low order are
-fitted to windowed spectra (`pilotid.checks.element_forms`) of all runs at once.  The
-simplest that describes the recording is taken: one that leaves less of x than anyone would
-notice, or else the one of the smallest Bayesian information criterion.
+fitted to windowed spectra (`pilotid.checks.element_forms`) of all runs at once.  Of those that
+leave as little of x as the one of the smallest Bayesian information criterion, the simplest is
+taken.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.checks.detectors import findings
-from pilotid.checks.element_forms import HIGHEST, OMEGA, FormFit, fits_of, simplest, spectra_of
+from pilotid.checks.element_forms import HIGHEST, OMEGA, fits_of, power, simplest, spectra_of
 from pilotid.model.element import ControlledElement, as_element, parsed_element
 from pilotid.recording.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
@@ -40,7 +39,7 @@ class ElementChoice:
     remarks
         Where what is said of it and what signals show disagree, a sentence each.
     left
-        Share of the amplitude of x that it does not explain where loops cross over.
+        Share of the amplitude of x that the best one leaves where loops cross over.
     """
 
     element: ControlledElement | None = None
@@ -67,24 +66,29 @@ class ElementChoice:
 def identified_element(recording: Recording) -> ElementChoice:
     """The controlled element that u, fd and x show, with numbers rounded to their errors.
 
-    It has a name that `element_named` reads.
+    It has a name that `element_named` reads.  None where it explains too little of x, or is too
+    uncertain, to draw loops with.
     """
-    if not np.ptp(recording.window(recording.x), axis=1).any():
-        is_there = "x" in recording.signals
-        return ElementChoice(why=f"x {'does not move' if is_there else 'was not recorded'}")
-    every = fits_of(recording)
-    fits = [fit for fit in every if _is_steerable(fit.element)]
+    fits = [fit for fit in fits_of(recording) if _is_steerable(fit.element)]
     if not fits:
-        left = min((fit.left for fit in every), default=0.0)
-        return ElementChoice(why="no form of element suits control and output", left=left)
-    chosen = simplest(fits)
-    # Drift of x makes slow unstable poles, which explain no more where loops cross over.
-    near = [f for f in fits if f.form.size <= chosen.form.size and f.left <= 1.225 * chosen.left]
+        return ElementChoice(why="x was not recorded, does not move, or answers to no element")
+    # Drift of x makes slow unstable poles, which explain no more where loops cross over: of those
+    # without, the simplest that leaves no more than chance makes a median differ by.
+    best = simplest(fits)
+    near = [f for f in fits if f.left <= 1.7 * best.left]
     steady = [f for f in near if _is_steerable(f.element, ELEMENT.slowest_pole)]
-    chosen = simplest(steady or [chosen])
-    element = chosen.rounded()
-    why = _against(element, chosen, recording.fd is not None)
-    return ElementChoice(element, "identified", why, left=chosen.left)
+    chosen = min(steady or [best], key=lambda f: (f.form.size, f.criterion))
+    element, error = chosen.rounded(), float(chosen.error_at(OMEGA).max())
+    if max(chosen.left, error) <= ELEMENT.unexplained:
+        return ElementChoice(element, "identified", left=chosen.left)
+    missing = "most often a" if recording.fd is None else "perhaps another"
+    why = (
+        f"control and output tell no one controlled element of low order: the best, {element.name},"
+        f" leaves about {100.0 * chosen.left:.0f} % of the amplitude of x and is uncertain by "
+        f"{100.0 * error:.0f} %; {missing} disturbance was not recorded, or the element changes "
+        "within a run, a signal is late, or a name, a unit or a sign is wrong"
+    )
+    return ElementChoice(why=why, left=chosen.left)
 
 
 def _is_steerable(element: ControlledElement, slowest_pole: float = 0.0) -> bool:
@@ -93,42 +97,16 @@ def _is_steerable(element: ControlledElement, slowest_pole: float = 0.0) -> bool
     With a zero z and a pole p in the right half-plane the sensitivity is at least
     (z + p)/|z - p| somewhere, and its complement e^(p delay) with a delay (Skogestad &
     Postlethwaite, *Multivariable Feedback Control*, ch. 5); where noise is fitted zero and pole are
-    nearly one.
+    nearly one.  Nor does an element answer before u moves, nor has it a negative gain, which is a
+    wrong sign of u or x.
     """
     every = (np.roots(polynomial) for polynomial in (element.numerator, element.denominator))
     zeros, pole = (roots.real[roots.real > 0.0] for roots in every)
-    zero = min([*zeros, 1e9])  # forms have one; without it the delay alone counts
-    sensitivity = pole * element.delay + np.log((zero + pole) / np.abs(zero - pole))
-    is_held = (pole >= slowest_pole) & (pole <= ELEMENT.fastest_pole)
-    is_held &= sensitivity <= np.log(ELEMENT.sensitivity)
-    return bool(zero >= ELEMENT.slowest_zero and is_held.all())
-
-
-def _against(element: ControlledElement, fit: FormFit, is_forced: bool) -> str:
-    """What speaks against an identified element, in a sentence; empty if nothing does."""
-    missing = "perhaps another" if is_forced else "most often a"
-    early, error = -fit.element.delay, float(fit.error_at(OMEGA).max())
-    last = np.trim_zeros(np.array(element.denominator))[-1]
-    if fit.left > ELEMENT.unexplained:
-        return (
-            "control and output follow no one controlled element of low order: the best, "
-            f"{element.name}, leaves about {100.0 * fit.left:.0f} % of the amplitude of x; "
-            f"{missing} disturbance was not recorded, or the element changes within a run, a "
-            "signal is late, or a name, a unit or a sign is wrong"
-        )
-    if early > ELEMENT.late:
-        return (
-            f"x seems to answer {1e3 * early:.0f} ms before u moves, as {element.name} would: "
-            "u is late, or has noise in it that did not reach the element"
-        )
-    if error > ELEMENT.known:
-        return (
-            f"control and output tell the controlled element, {element.name}, to within "
-            f"{100.0 * error:.0f} % only where loops cross over"
-        )
-    is_negative = max(element.numerator[0], element.numerator[-1] * last) < 0.0
-    end = "whose gain is negative: u or x seems to have the wrong sign"
-    return f"control and output follow {element.name}, {end}" if is_negative else ""
+    zero = min([*zeros, 1e9])  # forms have one at most; without it the delay alone counts
+    delay = element.delay + ELEMENT.shortest_delay
+    sensitivity = pole * delay + np.log((zero + pole) / np.abs(zero - pole))
+    is_held = (pole >= slowest_pole) & (sensitivity <= np.log(ELEMENT.sensitivity))
+    return bool(element.numerator[-1] > 0.0 and element.delay >= -ELEMENT.late and is_held.all())
 
 
 @remembered
@@ -139,17 +117,16 @@ def confirmed_element(recording: Recording) -> ControlledElement | None:
         return None
     spectra = spectra_of(recording)
     with np.errstate(all="ignore"):  # signals that do not move, which tell nothing
-        unexplained = spectra.unexplained(spectra.rows(named, slice(0))[-1])
-    return named if unexplained.max() <= (0.5 * ELEMENT.different) ** 2 else None
+        left = power(spectra.rows(named, slice(0))[-1], spectra.fine) / spectra.size
+    return named if left.max() <= (0.5 * ELEMENT.different) ** 2 else None
 
 
 def unexplained(recording: Recording) -> Remark | None:
     """A doubt where x is the answer to u + fd by no element of low order."""
-    if recording.fd is None or confirmed_element(recording):
+    sound = recording.fd is None or confirmed_element(recording)
+    if sound or (found := identified_element(recording)).left <= ELEMENT.unexplained:
         return None
-    choice = identified_element(recording)
-    is_left = choice.left > ELEMENT.unexplained
-    return Remark("output-unrelated", choice.why, "doubt") if is_left else None
+    return Remark("output-unrelated", found.why, "doubt")
 
 
 def chosen_element(recording: Recording, given: GivenElement = None) -> ElementChoice:
@@ -165,22 +142,20 @@ def chosen_element(recording: Recording, given: GivenElement = None) -> ElementC
     if not given and (confirmed := confirmed_element(recording)):
         return ElementChoice(confirmed, "recording")  # to ask signals for a form takes long
     named, identified = parsed_element(recording.controlled_element), identified_element(recording)
-    fault = next((f for f in findings(recording) if f.grade != "note" and not f.is_turned), None)
-    shifted = fault and fault.code == "late-signal" and abs(fault.size) > ELEMENT.late
-    shown = None if identified.why or shifted else identified.element
     stated = as_element(given) if given else named
     if stated is None:
-        why = fault.sentence if fault else f"{identified.why}; name it, for example --element 4/s^2"
-        choice = identified if shown else ElementChoice(why=f"no loops: {why}")
+        why = identified.why and f"no loops: {identified.why}; name it, for example --element 4/s^2"
         text = recording.controlled_element.strip()
         words = (
             f"the file calls the controlled element {text!r:.50}, which is none; write 4/s^2 or so"
         )
-        return replace(choice, remarks=(Remark("element-differs", words, "note"),) * bool(text))
-    choice, other = ElementChoice(stated, "given" if given else "recording"), shown or named
+        remark = Remark("element-differs", words, "note")
+        return replace(identified, why=why, remarks=(remark,) * bool(text))
+    choice = ElementChoice(stated, "given" if given else "recording")
+    other = identified.element or named
     if other is None or not differ(stated, other):
         return choice
-    by = "control and output of the recording follow" if shown else "the file names"
+    by = "control and output of the recording follow" if identified.element else "the file names"
     words = (
         f"the controlled element {'given' if given else 'that the file names'} is "
         f"{stated.name or 'another'}, but {by} {other.name}; margins with the wrong one mislead"
@@ -202,5 +177,4 @@ def closing_element(recording: Recording) -> ControlledElement | None:
     The one that the recording names, unless its signals show another one; None if none is known.
     """
     choice = chosen_element(recording)
-    doubted = choice.element and choice.remarks
-    return identified_element(recording).element if doubted else choice.element
+    return (identified_element(recording) if choice.remarks else choice).element

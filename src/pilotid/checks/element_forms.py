@@ -132,10 +132,6 @@ class Spectra(NamedTuple):
         by_pole = divisor * left / below * powers[poles] - self.output[poles]
         return np.array([*inputs[-2::-1], *by_pole[::-1], -top @ inputs[1:], left]) / below
 
-    def unexplained(self, left: ComplexArray) -> FloatArray:
-        """Share of the output's power that is left, in each fine band."""
-        return power(left, self.fine) / self.size
-
     def level(self, left: ComplexArray, exact: FloatArray | float = UNNOTICED**2) -> FloatArray:
         """Variance of the noise at each observation, with a share of power that counts as exact."""
         return np.asarray(power(left, self.wide)[self.wide] + (exact * self.size)[self.fine])
@@ -158,18 +154,16 @@ class FormFit(NamedTuple):
         ``steps.T @ steps``.
     criterion
         Bayesian information criterion.
-    unexplained
-        Share of the output's power that is left, in each band.
     left
-        Share of the output's amplitude that is left, the median of the bands where loops cross
-        over, and 1 at most.  Below, what u does between samples makes x drift.
+        Share of the output's amplitude that is left, 1 at most: the median over the logarithm of
+        frequency where loops cross over.  A disturbance that was not recorded is in few bins, and
+        below, what u does between samples makes x drift.
     """
 
     form: Form
     values: FloatArray
     steps: FloatArray
     criterion: float
-    unexplained: FloatArray
     left: float
 
     @property
@@ -184,7 +178,9 @@ class FormFit(NamedTuple):
         offset between the recorder's channels, no part of the element.
         """
         held = 1.0 / np.linalg.norm(np.linalg.inv(self.steps), axis=1)
-        numbers = np.array([_short(*pair) for pair in zip(self.values, held, strict=True)])
+        every = np.array([[float(f"{v:.{d}g}") for v in self.values] for d in range(1, 18)])
+        shortest = np.argmax(np.abs(every - self.values) <= held, axis=0)
+        numbers = every[shortest, np.arange(len(held))]
         numbers[-1] *= self.values[-1] > held[-1]
         element = self.form.element(numbers)
         top, bottom = _written(element.numerator), _written(element.denominator)
@@ -196,12 +192,6 @@ class FormFit(NamedTuple):
         others = [self.form.element(self.values + step).response(omega) for step in self.steps]
         ratios = np.array(others) / self.element.response(omega)
         return np.asarray(np.linalg.norm(ratios - 1.0, axis=0))
-
-
-def _short(value: float, error: float) -> float:
-    """The shortest number within an error."""
-    every = (float(f"{value:.{digits}g}") for digits in range(1, 9))
-    return next((short for short in every if abs(short - value) <= error), value)
 
 
 def fitted_form(spectra: Spectra, form: Form) -> FormFit:
@@ -232,29 +222,28 @@ def fitted_form(spectra: Spectra, form: Form) -> FormFit:
     # A delay may be negative, as u may be late.
     box = Box(np.append(-free, -0.3), np.append(free, 0.6), np.zeros(form.size, dtype=bool))
     delays = (-0.2, -0.1, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)  # s
-    first = np.atleast_1d(np.poly([-3.0] * form.free))[1:]
-    starts = np.array([[*np.zeros(1 + form.zeros), *first, delay] for delay in delays])
+    starts = np.array([[0.0] * (1 + form.zeros) + [3.0] * form.free + [d] for d in delays])
     for _ in range(3 if form.free else 1):  # the equation divided by the last denominator
         starts, cost = solve_linear(gram(starts, 0.0), starts, range(form.size - 1), box.lower)
         starts = starts[np.argsort(cost, kind="stable")[:3]]
-    count = INDEPENDENT * np.bincount(spectra.fine)  # independent observations in each band
+    # Independent observations in each band.
+    count = INDEPENDENT * np.bincount(spectra.fine).astype(float)
     best = minimise(gram, starts, box, iterations=1).only([0])
     # To .03 of -2 log-likelihood.
     best = minimise(gram, best, box, tolerance=0.03 / (2.0 * count.sum()), iterations=25)
     values = best.values[0]
     *slopes, rest = spectra.rows(form.element(values), poles)
-    unexplained = spectra.unexplained(rest)
+    omega = spectra.powers[1, 2].imag
+    even = ((omega >= OMEGA[0]) & (omega <= OMEGA[-1])) / omega  # over the logarithm
+    share = np.abs(rest / spectra.output[0])
+    left = min(1.0, float(np.quantile(share, 0.5, weights=even, method="inverted_cdf")))
     # What counts as exact is no noise that averages out over a band: its error is one.  Noise in v,
-    # such as fast remnant that sampling folds down, makes the response smaller by the share left.
-    exact = UNNOTICED**2 + np.where(unexplained > 0.05, unexplained, 0.0) ** 2
-    table = (slopes / np.sqrt(spectra.level(rest, exact * count))).view(float)
+    # such as fast remnant that sampling folds down, makes the response smaller by the power left.
+    table = (slopes / np.sqrt(spectra.level(rest, (UNNOTICED**2 + left**4) * count))).view(float)
     # Cholesky's factor is refused where a number is not finite.
     steps = np.linalg.inv(np.linalg.cholesky(2.0 * INDEPENDENT * table @ table.T))
     criterion = 2.0 * count.sum() * math.log(best.cost[0]) + form.size * math.log(2.0 * count.sum())
-    omega = spectra.powers[1, 2].imag
-    crossing = np.unique(spectra.fine[(omega >= OMEGA[0]) & (omega <= OMEGA[-1])])
-    left = math.sqrt(min(1.0, float(np.median(unexplained[crossing]))))
-    return FormFit(form, values, steps, criterion, unexplained, left)
+    return FormFit(form, values, steps, criterion, left)
 
 
 @remembered
@@ -288,14 +277,13 @@ def _bands(omega: FloatArray, fewest: float) -> IntArray:
 def simplest(fits: Sequence[FormFit]) -> FormFit:
     """Of the fits that nobody would tell from the best, the one with the fewest parameters.
 
-    Their responses differ by no more than .5 %, or than the share of x that is left where loops
-    cross over, up to 3 %: the criterion finds in drift of x poles and zeros that nearly cancel.
+    Their responses differ by no more than .5 %: the criterion finds in drift of x poles and zeros
+    that nearly cancel.
     """
     best = min(fits, key=lambda f: f.criterion)
-    near = max(UNNOTICED, min(0.03, best.left))
-    wanted = best.element.response(ALIKE)
-    alike = [f for f in fits if np.all(np.abs(f.element.response(ALIKE) / wanted - 1.0) <= near)]
-    return min(alike, key=lambda f: (len(f.values), f.criterion))
+    off = (np.abs(f.element.response(ALIKE) / best.element.response(ALIKE) - 1.0) for f in fits)
+    alike = [fit for fit, each in zip(fits, off, strict=True) if each.max() <= UNNOTICED]
+    return min(alike, key=lambda f: (f.form.size, f.criterion))
 
 
 def drive_of(recording: Recording) -> FloatArray:
@@ -305,10 +293,13 @@ def drive_of(recording: Recording) -> FloatArray:
 
 @remembered
 def fits_of(recording: Recording) -> tuple[FormFit, ...]:
-    """Forms fitted to the measurement window, the simplest first, up to one that describes it."""
+    """Forms fitted to the measurement window, the simplest first, up to one that describes it.
+
+    None if the output does not move.
+    """
     spectra, fits = spectra_of(recording), list[FormFit]()
     for form in FORMS:
-        if any(f.unexplained.max() <= UNNOTICED**2 for f in fits):
+        if not spectra.size.all() or any(f.left <= 1e-4 for f in fits):
             break
         with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
             fits.append(fitted_form(spectra, form))

@@ -86,13 +86,11 @@ class ElementLimits(NamedTuple):
     stands_out: float = 3.0  # times the noise from which a line tells the element's angle
     late: float = 0.1  # s by which signals are apart from which their element is not believed
     sound: float = 0.14  # share of x's amplitude left by an element whose delay tells lateness
-    #: Where loops cross over: relative error of an element's response, and share of x's amplitude
-    #: left (.06; faults .12), up to which loops are drawn with it unasked.
-    known: float = 0.1
+    #: Where loops cross over: share of x's amplitude left by an element (.06; faults .12), and
+    #: relative error of its response, up to which loops are drawn with it unasked.
     unexplained: float = 0.1
-    slowest_zero: float = 0.5  # rad/s, of the right half-plane beside which people cross over
     slowest_pole: float = 0.6  # rad/s, of the right half-plane that is no drift of x
-    fastest_pole: float = 8.0  # rad/s, of an element that people stabilise (Jex 1966: 6)
+    shortest_delay: float = 0.17  # s, of people who stabilise: poles up to 8 rad/s (Jex 1966: 6)
     sensitivity: float = 4.0  # largest, of a loop that people close
     #: rms of the relative difference of two responses from which they are different elements; a
     #: delay of a sample or two between the recorder's channels is less.
