@@ -194,7 +194,7 @@ def test_missing_disturbance_wrong_sign_and_wrong_signal_are_said() -> None:
         assert chosen_element(replace(wrong, controlled_element="")).element is None
     still = identified_element(replace(recording, x=np.zeros_like(recording.x)))
     assert still.element is None
-    assert still.why
+    assert "does not move" in still.why
 
 
 @pytest.mark.parametrize(("control", "output"), [(1e-45, 1e45), (1e45, 1e-45), (1e90, 1e90)])

@@ -178,6 +178,7 @@ class FormFit(NamedTuple):
         offset between the recorder's channels, no part of the element.
         """
         held = 1.0 / np.linalg.norm(np.linalg.inv(self.steps), axis=1)
+        # Of one digit, of two and so on, the last the value itself: the first within its error.
         every = np.array([[float(f"{v:.{d}g}") for v in self.values] for d in range(1, 18)])
         shortest = np.argmax(np.abs(every - self.values) <= held, axis=0)
         numbers = every[shortest, np.arange(len(held))]
@@ -281,8 +282,8 @@ def simplest(fits: Sequence[FormFit]) -> FormFit:
     that nearly cancel.
     """
     best = min(fits, key=lambda f: f.criterion)
-    off = (np.abs(f.element.response(ALIKE) / best.element.response(ALIKE) - 1.0) for f in fits)
-    alike = [fit for fit, each in zip(fits, off, strict=True) if each.max() <= UNNOTICED]
+    wanted = best.element.response(ALIKE)
+    alike = [f for f in fits if np.allclose(f.element.response(ALIKE), wanted, UNNOTICED, 0.0)]
     return min(alike, key=lambda f: (f.form.size, f.criterion))
 
 
@@ -295,11 +296,11 @@ def drive_of(recording: Recording) -> FloatArray:
 def fits_of(recording: Recording) -> tuple[FormFit, ...]:
     """Forms fitted to the measurement window, the simplest first, up to one that describes it.
 
-    None if the output does not move.
+    Empty if the output does not move.
     """
     spectra, fits = spectra_of(recording), list[FormFit]()
-    for form in FORMS:
-        if not spectra.size.all() or any(f.left <= 1e-4 for f in fits):
+    for form in FORMS if spectra.size.all() else ():
+        if any(f.left <= 1e-4 for f in fits):
             break
         with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
             fits.append(fitted_form(spectra, form))

@@ -90,7 +90,7 @@ class ElementLimits(NamedTuple):
     #: relative error of its response, up to which loops are drawn with it unasked.
     unexplained: float = 0.1
     slowest_pole: float = 0.6  # rad/s, of the right half-plane that is no drift of x
-    shortest_delay: float = 0.17  # s, of people who stabilise: poles up to 8 rad/s (Jex 1966: 6)
+    pilot_delay: float = 0.17  # s, of people who stabilise: poles up to 8 rad/s (Jex 1966: 6)
     sensitivity: float = 4.0  # largest, of a loop that people close
     #: rms of the relative difference of two responses from which they are different elements; a
     #: delay of a sample or two between the recorder's channels is less.
